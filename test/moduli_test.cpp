@@ -7,11 +7,14 @@
 #include "report/validation.h"
 
 #include <array>
+#include <fcntl.h>
 #include <fstream>
 #include <random>
 #include <sstream>
 #include <string>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 namespace {
 
@@ -182,7 +185,6 @@ TEST(Moduli, OfTheMeasuredBeam)
     EXPECT_NEAR(young[1], 263.8e3, 0.1 * 263.8e3);
 }
 
-// A ball on a stem of 6 mm at the tip of a beam that bends: its centre goes where the stem turns it, as two points across the tip tell.
 // the first body of a folder
 pliant_status read_first(const std::string &folder, measured_body *out)
 {
@@ -194,6 +196,7 @@ pliant_status read_first(const std::string &folder, measured_body *out)
     return status;
 }
 
+// A ball on a stem of 6 mm at the tip of a beam that bends: its centre goes where the stem turns it, as two points across the tip tell.
 TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
 {
     Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.45, 1070, false}});
@@ -279,7 +282,7 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
 {
     char folder[] = "/tmp/pliant-cube-XXXXXX";
     ASSERT_NE(mkdtemp(folder), nullptr);
-    const std::string file = std::string(folder) + "/beads.csv";
+    std::string file = std::string(folder) + "/beads.csv";
     const auto write = [&](const char *header, int beads) {
         std::ofstream out(file);
         out << "a cube\n" << header << "\ni,j,k,x0,y0,z0,x1,y1,z1,x2,y2,z2\n";
@@ -306,7 +309,9 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
     write("place,,,no strain,,,30% strain,,,2.5% strain,,", 120);
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("up to 119 mm apart"), std::string::npos) << pliant_last_error();
+    file = std::string(folder) + "/truthcube.csv"; // a cube by its name, which says no more
     write("place,,,no strain,,,pressed,,,pressed more,,", 12);
+    std::remove((std::string(folder) + "/beads.csv").c_str());
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("% strain"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
@@ -349,6 +354,77 @@ TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
     std::ofstream(in + "c.csv") << "marker,beam_x,beam_y,beam_z\nm,-0.02,0.01,0.036\n";
     EXPECT_EQ(read_first(folder, &a), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("there is no column state"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
+}
+
+// One separator a file; beside a semicolon or in quotes a comma is a decimal one, and a cell with two of them no number
+TEST(Validation, DecimalCommasAndQuotedCellsAreReadAsTheyAreMeant)
+{
+    char folder[] = "/tmp/pliant-commas-XXXXXX";
+    ASSERT_NE(mkdtemp(folder), nullptr);
+    const std::string file = std::string(folder) + "/beads.csv";
+    const auto write = [&](const char *at) {
+        std::ofstream out(file);
+        out << "bead;no strain;;;12,5% strain;;\n";
+        for (int n = 0; n < 6; n++) out << "\"a;b\";" << n << "0,5;2;" << at << ";" << n << "0,5;2;7,25\n";
+    };
+    measured_body body;
+    write("1,25e1");
+    ASSERT_EQ(read_first(folder, &body), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(body.num_markers, 6);
+    EXPECT_STREQ(body.state[0], "12.5 %");
+    EXPECT_NEAR(body.markers[5].rest[0] - body.markers[0].rest[0], 0.05, 1e-12);
+    EXPECT_NEAR(body.markers[3].moved[2], 1e-3 * (7.25 - 12.5), 1e-12);
+    EXPECT_NEAR(body.markers[3].moved[0], 0, 1e-12);
+    measured_body_free(&body);
+    write("1,234,5");
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
+    std::remove(file.c_str());
+    std::ofstream(std::string(folder) + "/beam.csv") << "recording,marker,\"state, of two\",state,beam_x,beam_y,beam_z\n\"one, of two\",m,\"a \"\"b\"\", c\",rest,\"-0,02\",0.015,0.036\n"
+                                                        "\"one, of two\",m,,end,\"-0,02\",0.015,\"0,03\"\n";
+    ASSERT_EQ(read_first(folder, &body), PLIANT_OK) << pliant_last_error();
+    EXPECT_STREQ(body.state[0], "one, of two");
+    ASSERT_EQ(body.num_markers, 1);
+    EXPECT_NEAR(body.markers[0].rest[0], 0.08, 1e-12);
+    EXPECT_NEAR(body.markers[0].moved[2], -0.006, 1e-12);
+    measured_body_free(&body);
+    std::ofstream(std::string(folder) + "/beam.csv") << "marker;state;beam_x;beam_y;beam_z\nm;rest;-0,02;0,015;0,036\nm;end;-0,02;0,0,15;0,03\n";
+    EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
+    EXPECT_NE(std::string(pliant_last_error()).find("line 3"), std::string::npos) << pliant_last_error();
+    EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
+}
+
+// Notes that speak of strain are no cube, and a folder that cannot be opened ends nothing
+TEST(Validation, WhatIsNoMeasurementIsPassedOver)
+{
+    char folder[] = "/tmp/pliant-notes-XXXXXX";
+    ASSERT_NE(mkdtemp(folder), nullptr);
+    const std::string in = std::string(folder) + "/";
+    std::ofstream(in + "materials.csv") << "name,law\nliver,\"constrained at 5 % of length, no strain gauge\"\n5% strain rate,x\n";
+    std::ofstream(in + "z.csv") << "marker,state,beam_x,beam_y,beam_z\nm,rest,-0.02,0.01,0.03\nm,end,-0.02,0.01,0.025\n";
+    measured_source *sources = nullptr;
+    int32_t count = 0;
+    ASSERT_EQ(measured_bodies_find(folder, &count, &sources), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(count, 1);
+    EXPECT_NE(std::string(sources->path).find("z.csv"), std::string::npos) << sources->path;
+    pliant_free(sources);
+    std::remove((in + "z.csv").c_str());
+    ASSERT_EQ(mkdir((in + "closed").c_str(), 0700), 0);
+    const int next = open("/dev/null", O_RDONLY); // one more file may be open: the folder itself
+    ASSERT_GE(next, 0);
+    close(next);
+    rlimit before{};
+    ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+    const rlimit one_more = {static_cast<rlim_t>(next) + 1, before.rlim_max};
+    std::string logged;
+    pliant_set_log([](pliant_log_level, const char *text, void *out) { *static_cast<std::string *>(out) += text; }, &logged);
+    ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &one_more), 0);
+    const pliant_status status = measured_bodies_find(folder, &count, &sources);
+    setrlimit(RLIMIT_NOFILE, &before);
+    pliant_set_log(nullptr, nullptr);
+    EXPECT_EQ(status, PLIANT_ERROR_FILE);
+    EXPECT_NE(std::string(pliant_last_error()).find("nothing measured"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(logged.find("/closed: "), std::string::npos) << logged;
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 

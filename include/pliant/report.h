@@ -299,6 +299,7 @@ PLIANT_API pliant_status pliant_moduli_fit(const pliant_report_input *input, con
 /* ---- VALIDATION (validation.c): measured bodies, fitted on one state, predicted in the others */
 
 /** What is measured in a folder, or, where nothing is, in its folders: its kind is told from the files in it, each table is a body of its own.
+ *  Cells of a table are parted by tabs, semicolons or commas, whichever its header has first in this order; a comma in a cell is a decimal one.
  *  - gravity_markers.csv, or any .csv whose header has a column beam_x: silicone beams of 30 x 30 x 100 mm, 1070 kg/m^3, clamped
  *    and released under their own weight, a state a recording: columns recording (may be missing: then there is one), marker, state (rest, end; others are left out with a warning) and
  *    beam_x, beam_y, beam_z [m], in any order among others; the beam between x -0.1 (clamp) and 0, y and z 0 to 0.03, z up; markers Base* are on

@@ -103,16 +103,50 @@ static bool has(const char *text, const char *word)
 /* A line without what files of some spreadsheets begin with. */
 static char *text_of(char *line) { return line + (strncmp(line, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0); }
 
+/* What parts the cells of a header's line, and of the lines below it: a tab, else a semicolon, else a comma. */
+static char separator_of(const char *line)
+{
+    char found = ',';
+    for (bool quoted = false; *line; line++) {
+        if (*line == '"') quoted = !quoted;
+        else if (!quoted && *line == '\t') return '\t';
+        else if (!quoted && *line == ';') found = ';';
+    }
+    return found;
+}
+
+/* Where a cell ends; what stands in quotes is passed over. NULL: with the line. */
+static char *end_of_cell(char *at, char separator)
+{
+    char *quote = at + strspn(at, separator == '\t' ? " " : " \t");
+    while (*quote == '"') {
+        quote = strchr(quote + 1, '"');
+        if (!quote) break;
+        at = ++quote;
+    }
+    return strchr(at, separator);
+}
+
+/* 12,5 as some spreadsheets write it becomes 12.5; with two commas or a point as well it is no number, and stays so. */
+static void read_decimal_comma(char *cell)
+{
+    static const char digits[] = "0123456789";
+    char *comma = cell + strspn(cell, "+-");
+    comma += strspn(comma, digits);
+    if (*comma == ',' && comma[1] && strchr(digits, comma[1]) && !strpbrk(comma + 1, ",.")) *comma = '.';
+}
+
 /* Cells of a line, in place, without the blanks and quotes around them; returns how many. */
-static int split(char *line, char *cells[MOST_CELLS])
+static int split(char *line, char separator, char *cells[MOST_CELLS])
 {
     static const char around[] = " \"'\r\n";
     int count = 0;
     for (char *at = text_of(line); at && count < MOST_CELLS;) {
-        char *next = strpbrk(at, ",;\t");
+        char *next = end_of_cell(at, separator);
         if (next) *next++ = '\0';
         at += strspn(at, around);
         for (size_t length = strlen(at); length > 0 && strchr(around, at[length - 1]); length--) at[length - 1] = '\0';
+        read_decimal_comma(at);
         cells[count++] = at;
         at = next;
     }
@@ -143,7 +177,7 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
     enum { RECORDING, MARKER, STATE, PLACE, WANTED = PLACE + 3 };
     static const char *const wanted[WANTED] = {"recording", "marker", "state", "beam_x", "beam_y", "beam_z"};
     int column[WANTED], at = 0;
-    char line[LINE], *cells[MOST_CELLS];
+    char line[LINE], *cells[MOST_CELLS], separator = ',';
     int32_t room = 0;
     pliant_status status = PLIANT_OK;
     FILE *file = fopen(path, "r");
@@ -155,7 +189,8 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         at++;
         const char *text = text_of(line);
         if (text[0] == '#' || text[strspn(text, " ,;\t\r\n")] == '\0') continue;
-        const int num_cells = split(line, cells);
+        if (header) separator = separator_of(line);
+        const int num_cells = split(line, separator, cells);
         if (header) {
             for (int w = 0; w < WANTED; w++) {
                 column[w] = -1;
@@ -295,12 +330,13 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
 {
     enum { FEWEST = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
     double low[3], high[3], span = 0;
-    char line[LINE], *cells[MOST_CELLS];
+    char line[LINE], *cells[MOST_CELLS], separator = ',';
     int column[MOST_STATES], rest = -1, beads[MOST_STATES] = {0}, lines = 0;
     int32_t room = 0;
     for (int d = 0; d < 3; d++) centre[d] = 0, low[d] = INFINITY, high[d] = -INFINITY;
     while (fgets(line, sizeof line, file)) {
-        const int count = split(line, cells);
+        if (out->num_states == 0) separator = separator_of(line);
+        const int count = split(line, separator, cells);
         pliant_marker bead = {.deviation = 5e-4};
         double at[3], moved[3];
         if (out->num_states == 0) {
@@ -413,7 +449,9 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
 static bool is_table(const char *name, const char *path, measured_source *out)
 {
     const size_t length = strlen(name);
-    char line[LINE];
+    char line[LINE], *cells[MOST_CELLS];
+    double strain[MOST_STATES];
+    int column[MOST_STATES], rest;
     bool found = false;
     if (length < 4 || strcasecmp(name + length - 4, ".csv") != 0 || strcmp(name, "markers.csv") == 0) return false;
     out->kind = strncmp(name, "truthcube", 9) == 0 ? MEASURED_CUBE : MEASURED_BEAM;
@@ -422,12 +460,13 @@ static bool is_table(const char *name, const char *path, measured_source *out)
     for (int n = 0; file && !found && n < 50 && fgets(line, sizeof line, file); n++) {
         if (text_of(line)[0] == '#') continue;
         if (strstr(line, "beam_x")) out->kind = MEASURED_BEAM, found = true;
-        else if (has(line, "strain") && (has(line, "no strain") || strchr(line, '%'))) out->kind = MEASURED_CUBE, found = true;
+        else if (cube_columns(split(line, separator_of(line), cells), cells, strain, column, &rest) > 0 && rest >= 0) out->kind = MEASURED_CUBE, found = true;
     }
     if (file) fclose(file);
     return found;
 }
 
+/* deeper: also in its folders, of which one that cannot be read is passed over */
 static pliant_status look_in(const char *folder, bool deeper, int32_t *count, measured_source **out)
 {
     const int32_t before = *count;
@@ -435,7 +474,8 @@ static pliant_status look_in(const char *folder, bool deeper, int32_t *count, me
     bool has_scene = false;
     pliant_status status = PLIANT_OK;
     DIR *opened = opendir(folder);
-    if (!opened) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno));
+    if (!opened && !deeper) pliant_log(PLIANT_LOG_WARNING, "%s: %s: it is left out", folder, strerror(errno));
+    if (!opened) return deeper ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", folder, strerror(errno)) : PLIANT_OK;
     snprintf(scene.path, sizeof scene.path, "%s", folder);
     for (struct dirent *entry; status >= 0;) {
         entry = readdir(opened);
