@@ -350,7 +350,7 @@ TEST(GuardParameters, AreReadAndTheOthersHaveDefaults)
 TEST(GuardParameters, WrongOnesAreNamedAndZerosGoOutAllTheSame)
 {
     const std::pair<const char *, XmlRpc::XmlRpcValue> wrong[] = {
-        {"gain", -1.0}, {"gain", "much"}, {"max_force", 0}, {"max_force", nan}, {"max_rate", -20}, {"cutoff", 0.0}, {"ramp", 0.0}, {"tail", -1.0}, {"timeout", 1e9},
+        {"gain", -1.0}, {"gain", "much"}, {"max_force", 0}, {"max_force", nan}, {"max_rate", -20}, {"cutoff", 0.0}, {"ramp", 0.0}, {"tail", -1.0}, {"timeout", 0.6},
         {"max_error", nan}, {"max_error", "any"}, {"rate", 1e9}, {"rate", 1}, {"tool", ""}, {"tool", 7}, {"tool", "PSM 1"}, {"needs_following", 1}, {"max_forse", 1.0}};
     for (const auto &each : wrong) {
         GuardParameters read;
@@ -362,8 +362,13 @@ TEST(GuardParameters, WrongOnesAreNamedAndZerosGoOutAllTheSame)
     }
     GuardParameters read;
     std::string why;
-    EXPECT_FALSE(read_guard_parameters(parameters("haptic", "yes"), &read, &why));
-    EXPECT_FALSE(read.settings.enabled) << "off unless it is true";
+    for (const XmlRpc::XmlRpcValue &haptic : {XmlRpc::XmlRpcValue("yes"), XmlRpc::XmlRpcValue(1)}) {
+        EXPECT_FALSE(read_guard_parameters(parameters("haptic", haptic), &read, &why));
+        EXPECT_EQ(why.find("~haptic"), 0u) << why;
+        EXPECT_TRUE(read.settings.enabled) << "somebody wanted it: zeros go out";
+    }
+    EXPECT_TRUE(read_guard_parameters(parameters("haptic", false), &read, &why)) << why;
+    EXPECT_FALSE(read.settings.enabled);
     EXPECT_FALSE(read_guard_parameters(XmlRpc::XmlRpcValue(), &read, &why));
     EXPECT_EQ(why.find("~tool"), 0u) << why;
 }

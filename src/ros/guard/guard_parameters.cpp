@@ -52,7 +52,10 @@ void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Num
         if (value.getType() != XmlRpcValue::TypeString) refuse(name, "must be text");
         out->tool = static_cast<std::string &>(value);
     }
-    else if (name == "haptic") out->settings.enabled = read_switch(name, value);
+    else if (name == "haptic") {
+        out->settings.enabled = true; /* where it is wrong: the zeros of a fault go out, no force does */
+        out->settings.enabled = read_switch(name, value);
+    }
     else if (name == "needs_following") out->settings.needs_following = read_switch(name, value);
     else if (name == "max_error") {
         const double most = read_number(name, value);
@@ -77,10 +80,10 @@ bool read_guard_parameters(XmlRpcValue tree, GuardParameters *out, std::string *
 {
     GuardParameters read;
     GuardSettings &settings = read.settings;
-    /* a force must be zero within 50 ms where it must be: no update may come later */
+    /* a force is zero within the timeout and an update after the last pose or force: 50 ms by default, and never more than half a second */
     const std::vector<Number> numbers = {{"gain", &settings.gain, 1e-6, 100},    {"max_force", &settings.largest, 1e-6, 100}, {"max_rate", &settings.rate, 1e-6, 1e6},
                                          {"cutoff", &settings.cutoff, 1e-3, 1e4}, {"ramp", &settings.ramp, 1e-3, 60},          {"tail", &settings.tail, 1e-3, 60},
-                                         {"timeout", &settings.timeout, 1e-3, 10}, {"rate", &read.rate, 40, 5000}};
+                                         {"timeout", &settings.timeout, 1e-3, 0.5}, {"rate", &read.rate, 40, 5000}};
     try {
         if (tree.getType() == XmlRpcValue::TypeStruct) {
             /* first: zeros go out whatever else is wrong */

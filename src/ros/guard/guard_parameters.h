@@ -17,7 +17,8 @@ struct GuardParameters {
 };
 
 /* From the tree of private parameters (a struct, or invalid for none). False where one is unknown or wrong: `why` names it and what would be
-   right, and `out` has the defaults, but for settings.enabled, by which zeros still go out. The tree is not changed. */
+   right, and `out` has the defaults, but for settings.enabled, by which zeros still go out: it is
+   true where `haptic` itself is wrong. The tree is not changed. */
 bool read_guard_parameters(XmlRpc::XmlRpcValue tree, GuardParameters *out, std::string *why);
 
 } // namespace pliant_ros
