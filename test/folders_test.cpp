@@ -49,10 +49,10 @@ Graph calls(bool by_folders)
 {
     std::map<std::string, std::set<std::string>> uses;
     std::map<std::string, std::string> definer;
-    FILE *listing = popen("xargs nm -A -P -g < " PLIANT_OBJECTS_LIST, "r");
+    FILE *listing = popen("xargs -d '\\n' nm -A -P -g < '" PLIANT_OBJECTS_LIST "'", "r");
     char line[4096], path[2048], symbol[1024], kind;
     while (listing && fgets(line, sizeof line, listing)) {
-        if (std::sscanf(line, "%2047s %1023s %c", path, symbol, &kind) != 3) continue;
+        if (std::sscanf(line, "%2047[^:]: %1023s %c", path, symbol, &kind) != 3) continue;
         const std::string all = path, mark = ".dir/";
         const size_t begin = all.find(mark);
         if (begin == std::string::npos || all.find("/__/") != std::string::npos) continue; // made by the build, or of cuda/
