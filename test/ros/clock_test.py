@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Simulated time that has not begun is told of; when it jumps back, tools are forgotten, forces are zero, and the node works on; when it stands
-still and an arm is silent, its force does not stay."""
+still a grasp stays, but not that of an arm or a jaw that is silent for long."""
 import os
 import re
 import sys
@@ -67,12 +67,25 @@ class ClockTest(unittest.TestCase):
         tool.position = list(point - [0, 0.02, 0])
         wait_for(lambda: force.fresh().wrench.force.y < -0.1, "a force")
         self.clock_runs = False
-        time.sleep(1)
+        time.sleep(4)
         self.assertLess(force.message.wrench.force.y, -0.1, "of an arm that goes on sending")
+        before = rospy.get_time()  # from here on no stamp says what is new
         tool.is_on = False
-        before = rospy.get_time()
+        time.sleep(1)
+        self.assertLess(force.message.wrench.force.y, -0.1, "of a simulator that pauses")
+        self.assertTrue(node.contact.message.grasped)
+        tool.is_on, tool.with_jaw = True, False
+        wait_for(lambda: force.message.wrench.force.y == 0, "no force of a silent jaw")
+        wait_for(lambda: not node.contact.message.grasped, "the jaw of which nothing is known to let go")
+        self.assertTrue(node.contact.message.present)
+        tool.position, tool.with_jaw = list(point), True
+        wait_for(lambda: node.contact.message.touching, "the tool to touch")
+        tool.take_hold(node.contact)
+        tool.position = list(point - [0, 0.02, 0])
+        wait_for(lambda: force.message.wrench.force.y < -0.1, "a force")
+        tool.is_on = False
         wait_for(lambda: force.message.wrench.force.y == 0, "no force of a silent arm")
-        self.assertFalse(node.contact.fresh().grasped)
+        wait_for(lambda: not node.contact.message.grasped, "the arm to be gone")
         self.assertEqual(rospy.get_time(), before, "time stands still")
         diagnostics = Latest("/diagnostics", DiagnosticArray)
         wait_for(lambda: diagnostics.message and any("time stands still, and no pose" in status.message for status in diagnostics.message.status), "the reason")

@@ -42,6 +42,7 @@ TEST(Params, DefaultsWithoutAny)
     EXPECT_EQ(parameters.scene.solver.iterations, scene.solver.iterations);
     EXPECT_DOUBLE_EQ(parameters.tool_max_age, 0.05);
     EXPECT_DOUBLE_EQ(parameters.tool_hold, 0.1);
+    EXPECT_DOUBLE_EQ(parameters.tool_max_pause, 1);
     EXPECT_EQ(parameters.background, PLIANT_BACKGROUND_LIVE) << "no step waits";
 }
 

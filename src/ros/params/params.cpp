@@ -17,7 +17,7 @@ using XmlRpc::XmlRpcValue;
 
 const char *const node_names[] = {"scene",        "scan",          "scan/path",     "scan_root",   "output_root",
                                   "parent_frame", "tissue_frame",  "tissue_pose",   "registration", "hand_eye", "checkpoint", "checkpoint_period", "background",  "tools",
-                                  "tool_max_age", "tool_hold",     "jaw_close",     "jaw_release", "pose_filter", "wrench_rate",  "wrench_bound",  "slice/axial",
+                                  "tool_max_age", "tool_hold",     "tool_max_pause", "jaw_close",     "jaw_release", "pose_filter", "wrench_rate",  "wrench_bound",  "slice/axial",
                                   "slice/coronal", "slice/sagittal", "cameras", "volume_threshold", "volume_region/low", "volume_region/high", "preview_step", "respawn"};
 
 [[noreturn]] void refuse(const std::string &message) { throw std::invalid_argument(message); }
@@ -312,6 +312,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "background") out->background = read_background(value);
     else if (name == "tool_max_age") out->tool_max_age = number(name, value, 1e-3, 10);
     else if (name == "tool_hold") out->tool_hold = number(name, value, 0, 10);
+    else if (name == "tool_max_pause") out->tool_max_pause = number(name, value, 1e-3, 3600);
     else if (name == "jaw_close") out->jaw_close = number(name, value, -M_PI, M_PI);
     else if (name == "jaw_release") out->jaw_release = number(name, value, -M_PI, M_PI);
     else if (name == "pose_filter") out->pose_filter = number(name, value, 0, 1000);
@@ -322,7 +323,9 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "volume_region/high") read_point(name, value, out->volume_high, 100);
     else if (name == "preview_step") out->preview_step = static_cast<int>(number(name, value, 2, 8));
     else if (name == "scene" || name == "tools" || name == "cameras") return true; /* read before all others */
-    else if (name == "respawn") return true; /* the program's own */
+    else if (name == "respawn") { /* the program's own */
+        if (value.getType() != XmlRpcValue::TypeBoolean) refuse("~respawn must be true or false");
+    }
     else {
         for (int plane = 0; plane < 3; ++plane)
             if (name == planes[plane]) {
@@ -360,6 +363,7 @@ void set_defaults(Parameters *out)
     out->checkpoint_period = 1;
     out->tool_max_age = 0.05;
     out->tool_hold = 0.1;
+    out->tool_max_pause = 1;
     out->jaw_close = 0.05;
     out->jaw_release = 0.20;
     out->pose_filter = 0;

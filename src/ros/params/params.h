@@ -57,6 +57,7 @@ struct Parameters {
     pliant_background_kind background;      /* live: no step waits; planned: the same on every machine */
     double tool_max_age;                    /* [s] */
     double tool_hold;                       /* what holds stays so for as long after that [s] */
+    double tool_max_pause;                  /* of the machine's clock, without poses while /clock stands still [s] */
     double jaw_close, jaw_release;          /* [rad] */
     double pose_filter;                     /* cutoff of a low-pass over measured poses [Hz]; 0: none */
     double wrench_rate;                     /* of forces between steps [Hz]; 0: forces come with steps alone */
@@ -69,7 +70,7 @@ struct Parameters {
 
 /* From the tree of private parameters (a struct, or invalid for none). Every option of a scene is a parameter of its
    path, solver/iterations; beside them: scene (file), scan or scan/path, scan_root, output_root, parent_frame,
-   tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, jaw_close, jaw_release, pose_filter,
+   tissue_frame, tissue_pose, registration, hand_eye, checkpoint, checkpoint_period, background, tools, tool/<name>/{mode,blade,shape,frame,jaw}, tool_max_age, tool_hold, tool_max_pause, jaw_close, jaw_release, pose_filter,
    wrench_rate, wrench_bound, cameras,
    camera/<name>/{frame,convention,width,height,field_of_view,rate,near,far,baseline,threshold,shown,info_url}, slice/{axial,coronal,sagittal}, volume_threshold,
    volume_region/{low,high}, preview_step, respawn (of the program: it is started again whenever it ends). Anything else is an error that names the nearest known one.

@@ -21,7 +21,7 @@ std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3
 } // namespace
 
 Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames, ros::CallbackQueue *queue)
-    : tissue_frame_(parameters.tissue_frame), parent_frame_(parameters.parent_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold),
+    : tissue_frame_(parameters.tissue_frame), parent_frame_(parameters.parent_frame), max_age_(parameters.tool_max_age), hold_(parameters.tool_hold), max_pause_(parameters.tool_max_pause),
       jaw_close_(parameters.jaw_close), jaw_release_(parameters.jaw_release), frames_(std::move(frames))
 {
     ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
@@ -135,6 +135,7 @@ void Tools::take_jaw(Tool *tool, const sensor_msgs::JointState &message)
     tool->jaw = angle;
     if (good) tool->last_jaw = angle;
     tool->jaw_stamp = message.header.stamp;
+    tool->jaw_arrived = ros::SteadyTime::now();
 }
 
 bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const
@@ -143,9 +144,9 @@ bool Tools::is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) co
     return age >= -max_age_ && age <= max_age_ + (held ? hold_ : 0);
 }
 
-double Tools::stood_still(const Tool &tool) const
+double Tools::stood_still(const ros::SteadyTime &arrived) const
 {
-    return (ros::SteadyTime::now() - std::max(tool.arrived, now_since_)).toSec();
+    return (ros::SteadyTime::now() - std::max(arrived, now_since_)).toSec();
 }
 
 /* The newest of the waiting poses that tf can place at its own stamp; what is older than that is of no use any more. Poses come meanwhile. */
@@ -188,7 +189,8 @@ void Tools::transform(Tool *tool)
 
 void Tools::update_jaw(Tool *tool, const ros::Time &now)
 {
-    const bool fresh = tool->parameters.jaw_setpoint || is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED);
+    const bool fresh = tool->parameters.jaw_setpoint ||
+                       (is_fresh(tool->jaw_stamp, now, tool->state == JAW_CLOSED) && stood_still(tool->jaw_arrived) <= max_pause_);
     if (!tool->has_jaw || !fresh) tool->state = JAW_UNKNOWN;
     else if (tool->jaw < jaw_close_) tool->state = JAW_CLOSED;
     else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
@@ -204,7 +206,8 @@ std::string Tools::reason(const Tool &tool, const ros::Time &now) const
     const double age = seconds_between(tool.stamp, now);
     if (age < -max_age_) return "its clock is " + milliseconds(-age) + " ahead, more than " + milliseconds(max_age_);
     if (age > max_age_) return "the newest pose is " + milliseconds(age) + " old, more than " + milliseconds(max_age_);
-    if (stood_still(tool) > max_age_) return "time stands still, and no pose has come for " + milliseconds(stood_still(tool)) + ": /clock has stopped";
+    if (stood_still(tool.arrived) > max_pause_)
+        return "time stands still, and no pose has come for " + milliseconds(stood_still(tool.arrived)) + ": /clock has stopped";
     if (!tool.untransformed.empty()) return "its pose has no transform: " + tool.untransformed;
     return "the newest pose that has a transform is " + milliseconds(seconds_between(tool.last_stamp, now)) + " old, more than " +
            milliseconds(max_age_);
@@ -221,7 +224,7 @@ ToolSample Tools::sample(size_t index, const ros::Time &now)
     std::lock_guard<InheritingMutex> hold(tool->lock);
     update_jaw(tool, now);
     ToolSample out;
-    const bool goes_on = stood_still(*tool) <= max_age_ + (tool->present ? hold_ : 0);
+    const bool goes_on = stood_still(tool->arrived) <= max_pause_;
     out.present = tool->present = tool->idle.empty() && tool->has_last && goes_on && is_fresh(tool->last_stamp, now, tool->present);
     if (!tool->present) out.why = tool->why = reason(*tool, now);
     else if (tool->state == JAW_UNKNOWN && tool->parameters.grasps) out.why = "its jaw sends no valid angle, or none that is new";

@@ -59,8 +59,8 @@ public:
     const ToolParameters &parameters(size_t tool) const { return tools_[tool]->parameters; }
 
     /* The tool now, by the newest of its poses that has a transform into the tissue frame. Absent when the last pose is invalid, none
-       has a transform, its arm says that it is not enabled and homed, or its stamp is more than tool_max_age from now (where time stands still:
-       when none has come for so long); one that is there stays where it was for tool_hold longer.
+       has a transform, its arm says that it is not enabled and homed, or its stamp is more than tool_max_age from now; one that is there stays where it was
+       for tool_hold longer. Where time stands still: when no pose has come for tool_max_pause.
        Called by the simulation only. */
     ToolSample sample(size_t tool, const ros::Time &now);
     /* True when another instrument has been put on since the last call, of this shape. Called by the simulation only. */
@@ -105,7 +105,7 @@ private:
         bool exchanged = false;
         pliant_tool_shape shape{};
         uint64_t received = 0;
-        ros::SteadyTime arrived;  /* of the newest pose, by a clock that goes on whatever /clock does */
+        ros::SteadyTime arrived, jaw_arrived; /* of the newest pose and jaw, by a clock that goes on whatever /clock does */
         std::string refused; /* why the last pose was */
         /* written by sample */
         bool has_last = false, present = false;
@@ -132,12 +132,12 @@ private:
     void update_jaw(Tool *tool, const ros::Time &now);
     /* held: it may be older by tool_hold */
     bool is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const;
-    /* [s] that neither a pose has come nor time gone on: no stamp grows old where /clock has stopped. 0 as long as time goes on. */
-    double stood_still(const Tool &tool) const;
+    /* [s] that neither a message has come (the last at `arrived`) nor time gone on: no stamp grows old where /clock has stopped. 0 as long as time goes on. */
+    double stood_still(const ros::SteadyTime &arrived) const;
     std::string reason(const Tool &tool, const ros::Time &now) const;
 
     const std::string tissue_frame_, parent_frame_;
-    const double max_age_, hold_, jaw_close_, jaw_release_;
+    const double max_age_, hold_, max_pause_, jaw_close_, jaw_release_;
     /* of the last call of sample */
     ros::Time now_;
     ros::SteadyTime now_since_;
