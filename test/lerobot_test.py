@@ -45,6 +45,8 @@ try:
     import pyarrow.parquet
     beside = None
 except ImportError:
+    for name in [name for name in sys.modules if name.split(".")[0] == "pyarrow"]:
+        del sys.modules[name]  # one that has no parquet
     beside = tempfile.TemporaryDirectory()
     with open(os.path.join(beside.name, "pyarrow.py"), "w") as stand_in:
         stand_in.write(STAND_IN)
