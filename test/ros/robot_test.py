@@ -21,7 +21,7 @@ sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import Latest, Node, call, wait_for  # noqa: E402
 
 BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite", "unknown_frame": "nowhere", "ahead": "ahead", "behind": "old",
-          "disabled": "the arm is DISABLED"}
+          "disabled": "the arm is DISABLED", "not_homed": "the arm is not homed"}
 
 
 def in_arm(place):
@@ -90,6 +90,16 @@ class RobotTest(unittest.TestCase):
                 last = self.forces[-1]
                 self.assertEqual((last.x, last.y, last.z), (0, 0, 0))
         self.take_hold()
+
+    def test_an_arm_that_pauses_keeps_what_it_holds(self):
+        inside = self.take_hold()
+        self.go([inside[0], inside[1] - 0.004, inside[2]])
+        wait_for(lambda: self.forces and abs(self.forces[-1].y) > 0.05, "a force")
+        self.fault.publish("paused")
+        time.sleep(1)
+        self.assertTrue(self.node.contact.fresh().grasped)
+        self.assertGreater(abs(self.forces[-1].y), 0.05)
+        self.fault.publish("none")
 
     def other_robot(self, namespace, arm, prefix):
         """Of which the launch file knows where poses, jaws and frames are: it takes hold and pulls."""

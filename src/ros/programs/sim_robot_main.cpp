@@ -9,7 +9,7 @@
  * by 2 mm, blank opens and closes its jaw).
  * What can go wrong is switched by /ARM/fault (std_msgs/String): none, silent (a console that has died), invalid (stamp 0), frozen (old
  * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame,
- * disabled (its operating state). */
+ * disabled, paused, not_homed (its operating state). */
 #include "ros/sim/operating_state.h"
 
 #include <geometry_msgs/PoseStamped.h>
@@ -144,8 +144,8 @@ private:
     {
         pliant_ros::OperatingState state;
         state.header.stamp = ros::Time::now();
-        state.state = fault_ == "disabled" ? "DISABLED" : "ENABLED";
-        state.is_homed = true;
+        state.state = fault_ == "disabled" ? "DISABLED" : fault_ == "paused" ? "PAUSED" : "ENABLED";
+        state.is_homed = fault_ != "not_homed";
         state_.publish(state);
     }
 

@@ -15,8 +15,8 @@ struct OperatingState {
     std::string state = "DISABLED"; /* or ENABLED, PAUSED, FAULT */
     uint8_t is_homed = 0, is_busy = 0;
 
-    /* Why the arm is not where it says, or not by the hand that moves it; empty: it is. */
-    std::string why_not() const { return state != "ENABLED" ? "the arm is " + state : is_homed ? "" : "the arm is not homed"; }
+    /* Why the arm is not where it says, or does not keep what it holds; empty: it is. One that is PAUSED stays where it is. */
+    std::string why_not() const { return state != "ENABLED" && state != "PAUSED" ? "the arm is " + state : is_homed ? "" : "the arm is not homed"; }
 };
 
 } // namespace pliant_ros
