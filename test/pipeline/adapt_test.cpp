@@ -318,6 +318,46 @@ TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
 INSTANTIATE_TEST_SUITE_P(Pulled, FirstStep, testing::Values(First{"ByWeight", 0.02, [](Body &) {}}, First{"BySpring", 0.02, hold_by_spring}, First{"AndPushed", 0.05, push_aside}, First{"InTime", 0.02, give_time}),
                          [](const auto &info) { return info.param.name; });
 
+// without memory for it, the state is that before the step, and the next step begins with it
+TEST(FirstStepAfterACut, WithoutMemoryLeavesTheStateBefore)
+{
+    const int cells[3] = {8, 2, 2};
+    const double bar[3] = {0.28, 0.07, 0.07};
+    const Plane plane{{0.078, 0.035, 0.035}, {1, 0.05, 0.02}};
+    Body body(cells, bar, {{10000, 0.4, 1000, false}});
+    body.fix_plane(1e-6, 0, 0, 1, 0, 0);
+    body.cells(8, 2, 2, 1);
+    body.scene.solver.iterations = 6;
+    body.scene.solver.refresh_interval = 0; // no other thread takes memory
+    body.scene.model.gravity[2] = -0.6;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    push_aside(body);
+    hold_by_spring(body);
+    for (int s = 0; s < 20; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+    const pliant_body *next = sever_plane(body.data->body, 2, plane, [&](const double *x) { return x[2] > 0.035; });
+    ASSERT_TRUE(next);
+    ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
+    pliant_body_release(next);
+    ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error(); // what is kept from step to step has its room
+    pliant_solver *solver = body.data->solver;
+    const size_t count = 3 * static_cast<size_t>(solver->system->mesh->num_nodes);
+    const std::vector<double> before(solver->now.x, solver->now.x + count);
+    solver->opened = true;
+    int failed = 0;
+    for (int64_t n = 0;; n++) {
+        pliant_memory_fail_after(n);
+        const pliant_status status = pliant_step(body.model, body.data);
+        pliant_memory_fail_after(-1);
+        if (status >= 0) break;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << "allocation " << n << ": " << pliant_last_error();
+        ASSERT_TRUE(std::equal(before.begin(), before.end(), solver->now.x)) << "allocation " << n;
+        ASSERT_TRUE(solver->opened) << "allocation " << n;
+        failed++;
+    }
+    EXPECT_GT(failed, 3);
+    EXPECT_FALSE(solver->opened);
+}
+
 // what a live run took of what was made in the background, while it was cut, makes the same bits again
 struct EveryReplay : testing::TestWithParam<Case> {};
 TEST_P(EveryReplay, OfALiveRunThatIsCut)
