@@ -351,6 +351,14 @@ class FaultTest(unittest.TestCase):
         self.assertIsNone(node.poll())
         state.close()
 
+    def test_a_node_whose_file_cannot_be_read_yet_ends_to_be_started_again(self):
+        command = self.wrong_node("hand_eye", "PSM1_base=/nowhere/PSM1.json")
+        rospy.set_param("/wrong/sim/respawn", True)
+        node = subprocess.Popen(command)
+        self.addCleanup(node.wait)
+        self.addCleanup(node.kill)
+        self.assertEqual(node.wait(30), 1)
+
 
 if __name__ == "__main__":
     rostest.rosrun("pliant", "fault", FaultTest)

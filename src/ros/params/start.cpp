@@ -34,7 +34,7 @@ Parameters parameters_of(const ros::NodeHandle &private_handle)
     if (!ros::param::get(private_handle.getNamespace(), tree)) tree = XmlRpc::XmlRpcValue();
     Parameters parameters;
     std::string why;
-    if (!read_parameters(tree, &parameters, &why)) throw std::runtime_error(why);
+    if (!read_parameters(tree, &parameters, &why)) throw WrongParameter(why);
     return parameters;
 }
 

@@ -7,12 +7,20 @@
 #include <geometry_msgs/TransformStamped.h>
 #include <ros/node_handle.h>
 
+#include <stdexcept>
+
 namespace pliant_ros {
+
+/* A parameter is wrong: starting again would not help. The message is for a person. */
+class WrongParameter : public std::runtime_error {
+public:
+    using std::runtime_error::runtime_error;
+};
 
 /* Log lines of the library go to rosconsole; one line a second of the same text at most. */
 void log_to_rosconsole();
 
-/* Throws std::runtime_error with a message for a person. */
+/* Throws WrongParameter. */
 Parameters parameters_of(const ros::NodeHandle &private_handle);
 
 /* The tissue in its parent frame, now. */

@@ -1,5 +1,6 @@
 #include "pliant/ros/node.h"
 #include "ros/node/refused.h"
+#include "ros/params/start.h"
 
 #include <ros/ros.h>
 
@@ -17,11 +18,15 @@ int main(int argc, char **argv)
     try {
         pliant_ros::Node node(handle, own);
         ros::MultiThreadedSpinner(2).spin();
-    } catch (const std::exception &wrong) {
+    } catch (const pliant_ros::WrongParameter &wrong) {
         ROS_FATAL("%s", wrong.what());
         if (!own.param("respawn", false)) return 1;
         const pliant_ros::Refused refused(handle, own, wrong.what());
         ros::spin();
+    } catch (const std::exception &failed) { /* such as a file that is not there yet: the next start may find it */
+        ROS_FATAL("%s", failed.what());
+        if (own.param("respawn", false)) ros::WallDuration(1).sleep();
+        return 1;
     }
     return 0;
 }
