@@ -33,7 +33,7 @@ TOOL = """
   Namespace: tissue
 """
 # a stiff spring: the held point stays close to the tip. Busy test machines get more time than a robot does.
-PARAMETERS = ["_scan/path:=phantom:48x40x36", "_tools:=mouse", "_tool_max_age:=2.0", "_grasp/stiffness:=100000.0",
+PARAMETERS = ["_scan/path:=phantom:96x80x72", "_tools:=mouse", "_tool_max_age:=2.0", "_grasp/stiffness:=100000.0",
               "_parent_frame:=front", "_tissue_pose:=0 0 0 -0.70710678 0 0 0.70710678"]
 
 
