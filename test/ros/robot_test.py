@@ -36,6 +36,17 @@ def jaw(closed):
     return JointState(position=[0.0 if closed else 0.6])
 
 
+def close_jaws(node, jaws, seconds):
+    """Until they hold: on a busy machine the tool may be away for a moment, and its jaw not seen open."""
+    def holds():
+        jaws.publish(jaw(False))
+        time.sleep(seconds)
+        jaws.publish(jaw(True))
+        time.sleep(seconds)
+        return node.contact.fresh().grasped
+    wait_for(holds, "a hold")
+
+
 class RobotTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -62,9 +73,7 @@ class RobotTest(unittest.TestCase):
         self.go(inside)
         wait_for(lambda: self.node.contact.fresh().touching, "the tip in the tissue")
         wait_for(lambda: not self.node.contact.fresh().grasped, "the jaw to open")
-        time.sleep(0.2)
-        self.close(True)
-        wait_for(lambda: self.node.contact.fresh().grasped, "a hold")
+        close_jaws(self.node, self.jaw, 0.2)
         return inside
 
     def why(self):
@@ -113,15 +122,7 @@ class RobotTest(unittest.TestCase):
         goal, pose = in_arm(inside).pose.position, Latest("%s/%s/measured_cp" % (prefix, arm), PoseStamped)
         wait_for(lambda: pose.message and abs(pose.message.pose.position.y - goal.y) + abs(pose.message.pose.position.z - goal.z) < 1e-4, "the arm to be there")
         wait_for(lambda: node.contact.fresh().touching, "the tip in the tissue")
-
-        def closes():
-            """On a busy machine the tool may be away for a moment, and its jaw not seen open."""
-            jaws.publish(jaw(False))
-            time.sleep(0.5)
-            jaws.publish(jaw(True))
-            time.sleep(0.5)
-            return node.contact.fresh().grasped
-        wait_for(closes, "a hold")
+        close_jaws(node, jaws, 0.5)
         servo.publish(in_arm([inside[0], inside[1] - 0.004, inside[2]]))
         wait_for(lambda: force.fresh().wrench.force.y < -0.02, "a force")
         jaws.publish(jaw(False))
