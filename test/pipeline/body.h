@@ -74,6 +74,19 @@ public:
         pliant_volume_free(&scan);
     }
 
+    // a tool that is a ball; its number
+    int add_ball(double radius)
+    {
+        pliant_tool_shape ball{};
+        ball.num_parts = 1;
+        ball.part[0].kind = PLIANT_PART_SPHERE;
+        ball.part[0].radius = radius;
+        int tool = -1;
+        EXPECT_EQ(pliant_tool_add(model, data, "ball", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_shape(data, tool, &ball), PLIANT_OK);
+        return tool;
+    }
+
     void cells(int a, int b, int c, int ratio)
     {
         scene.mesh.coarse_cells[0] = a;

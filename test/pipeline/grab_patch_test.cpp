@@ -504,13 +504,7 @@ TEST(GrabPatch, WhatPressesIsHeldByThePatchAsByTheFineMesh)
     for (int kind = 0; kind < 3; kind++) {
         Patched block(kind == 0 ? PLIANT_FINE : PLIANT_AVERAGED, kind == 2 ? 0.07 : 0);
         Body &body = block.body;
-        pliant_tool_shape ball{};
-        ball.num_parts = 1;
-        ball.part[0].kind = PLIANT_PART_SPHERE;
-        ball.part[0].radius = 0.03;
-        int tool;
-        ASSERT_EQ(pliant_tool_add(body.model, body.data, "ball", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_set_shape(body.data, tool, &ball), PLIANT_OK);
+        const int tool = body.add_ball(0.03);
         for (int place = 0; place < (kind == 2 ? 2 : 1); place++) {
             const double to = place ? 0.06 : 0.13;
             for (int s = 0; s < 36; s++) {

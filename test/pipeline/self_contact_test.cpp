@@ -286,13 +286,7 @@ TEST(SelfContact, APieceBetweenAToolAndTheGroundCarriesTheForce)
     drop.cut(0.0437);
     drop.run(40);
     ASSERT_NEAR(drop.lowest(0), 0.022, 1e-6);
-    pliant_tool_shape ball{};
-    ball.num_parts = 1;
-    ball.part[0].kind = PLIANT_PART_SPHERE;
-    ball.part[0].radius = 0.004;
-    int tool;
-    ASSERT_EQ(pliant_tool_add(drop.model, drop.data, "ball", &tool), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_set_shape(drop.data, tool, &ball), PLIANT_OK);
+    const int tool = drop.add_ball(0.004);
     for (int s = 0; s < 30; s++) {
         const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::min(s, 20)}; // its top lies at 0.0357
         ASSERT_EQ(pliant_tool_set_pose(drop.data, tool, tip, nullptr), PLIANT_OK);
@@ -322,13 +316,7 @@ TEST(SelfContact, APieceThatIsPushedFarIsStoppedByTheGround)
     const pliant_pieces *pieces = drop.data->body->pieces;
     for (int32_t i = 0; i < pieces->start[1]; i++) aside[3 * static_cast<size_t>(pieces->node[i])] += 0.03;
     ASSERT_EQ(pliant_data_set_positions(drop.model, drop.data, aside.data()), PLIANT_OK);
-    pliant_tool_shape ball{};
-    ball.num_parts = 1;
-    ball.part[0].kind = PLIANT_PART_SPHERE;
-    ball.part[0].radius = 0.004;
-    int tool;
-    ASSERT_EQ(pliant_tool_add(drop.model, drop.data, "ball", &tool), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_set_shape(drop.data, tool, &ball), PLIANT_OK);
+    const int tool = drop.add_ball(0.004);
     double ground = 0, pushes = 0;
     for (int s = 0; s < 2; s++) {
         const double tip[3] = {0.0378, 0.0073, 0.0437 + 0.0045 - 0.008 * s}; // 7.5 mm into it; the ground lies 6 mm below it
