@@ -43,16 +43,27 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                    &preconditioner->carried, &preconditioner->room, possible);
 }
 
+/* What stands for the inverse beside a cut is assembled from elements of eight corners at most (carried.cu). */
+static bool has_eight_corners_at_most(const pliant_macros *macros)
+{
+    for (int32_t m = 0; m < macros->count; m++)
+        if (macros->start[m + 1] - macros->start[m] > 8) return false;
+    return true;
+}
+
 extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver, const pliant_solver *before, const int32_t *node,
                                                    bool *possible)
 {
     const pliant_system *system = solver->system;
-    *possible = !system->macros == !before->system->macros && (!system->macros || !system->macros->fine_start);
+    *possible = !system->macros == !before->system->macros && (!system->macros || (!system->macros->fine_start && has_eight_corners_at_most(system->macros)));
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     int32_t *h_before = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_before));
     if (!h_before) return pliant_fail_memory("the solver");
-    for (int32_t f = 0; f < system->num_free; f++) h_before[f] = before->system->free_of_node[node[system->node_of_free[f]]];
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t was = node[system->node_of_free[f]];
+        h_before[f] = was >= 0 ? before->system->free_of_node[was] : -1;
+    }
     pliant_status status = pliant_cuda_system_follow(system, before->system, gpu->stream, &gpu->system, &gpu->system_room);
     if (status == PLIANT_OK) status = carry(gpu, solver, h_before, possible);
     if (status == PLIANT_OK && *possible) status = size_with_axes(gpu, solver, h_before);

@@ -92,11 +92,15 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
 static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible)
 {
     cuda_data *state = state_of(data);
-    const int32_t *node = data->solver->system->mesh == data->solver->system->fine ? map->node : map->coarse_node;
     *possible = state->landing && data->discretization != model->discretization;
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(make_landing(data, state));
-    return pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
+    const int32_t *node;
+    int32_t *own;
+    pliant_status status = pliant_solved_sources(data->solver->system, before->solver->system, map, &own, &node);
+    if (status == PLIANT_OK) status = pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
+    pliant_free(own);
+    return status;
 }
 
 static pliant_status restart(const pliant_model *model, pliant_data *data)

@@ -38,7 +38,7 @@ static void find_outer(const pliant_system *system, neighbours *found)
     for (int32_t i = 0; i < found->num_inner; i++) found->place[system->node_of_free[found->near[i]]] = i + 1;
     found->num_near = found->num_inner;
     for (int32_t i = 0; i < found->num_inner; i++)
-        for (int32_t c = system->corner_start[found->near[i]]; c < system->corner_start[found->near[i] + 1]; c++) {
+        for (int32_t c = system->corner_start[found->near[i]]; c < system->corner_end[found->near[i]]; c++) {
             const int32_t element = pliant_element_of_corner(system, system->corner[c]);
             for (int32_t v = pliant_element_begin(system, element); v < pliant_element_begin(system, element + 1); v++) {
                 const int32_t node = nodes[v], f = system->free_of_node[node];
@@ -124,7 +124,7 @@ static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_syst
     const int r = (int)threadIdx.x / 3 % 3, c = (int)threadIdx.x % 3;
     const gpu_macros &macros = system.macros;
     const bool of_macros = macros.count > 0;
-    for (int n = system.d_corner_start[node]; n < system.d_corner_start[node + 1]; n++) {
+    for (int n = system.d_corner_start[node]; n < system.d_corner_end[node]; n++) {
         const int corner = system.d_corner[n], element = of_macros ? macros.d_cube_of_corner[corner] : corner / 4;
         const int begin = of_macros ? macros.d_start[element] : 4 * element, corners = of_macros ? macros.d_start[element + 1] - begin : 4;
         const int place = w < corners ? carried.d_place[(of_macros ? macros.d_node : system.d_tets)[begin + w]] - 1 : -1;

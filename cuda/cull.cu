@@ -218,27 +218,40 @@ extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double
 /* ---- from body to body */
 
 /* corners that no node ever has: such an element is set up in the next update */
-static __global__ void carry_kernel(gpu_raster before, gpu_raster now, const int32_t *__restrict__ d_from)
+static __device__ void set_anew(gpu_raster now, int e)
+{
+    gpu_tet &out = static_cast<gpu_tet *>(now.d_setup)[e];
+    out.bricks = 0;
+    out.box = {};
+    out.box.kind = RASTER_NOTHING;
+    for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = INT32_MIN;
+}
+
+static __global__ void carry_kernel(gpu_raster before, gpu_raster now, int common, const int32_t *__restrict__ d_from)
 {
     const int e = (int)(blockIdx.x * THREADS + threadIdx.x);
     if (e >= now.num_elements) return;
-    const int from = d_from[e];
-    gpu_tet &out = static_cast<gpu_tet *>(now.d_setup)[e];
-    if (from >= 0) {
-        out = static_cast<const gpu_tet *>(before.d_setup)[from];
-    } else {
-        out.bricks = 0;
-        out.box = {};
-        out.box.kind = RASTER_NOTHING;
+    const int from = e < common ? e : d_from[e - common];
+    if (from < 0) {
+        set_anew(now, e);
+        return;
     }
-    for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = from >= 0 ? before.d_fixed[12 * (size_t)from + n] : INT32_MIN;
+    static_cast<gpu_tet *>(now.d_setup)[e] = static_cast<const gpu_tet *>(before.d_setup)[from];
+    for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = before.d_fixed[12 * (size_t)from + n];
+}
+
+static __global__ void anew_kernel(gpu_raster now, int count, const int32_t *__restrict__ d_anew)
+{
+    const int i = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (i < count) set_anew(now, d_anew[i]);
 }
 
 /* four threads an element */
-static __global__ void leave_kernel(gpu_raster before, const uint8_t *__restrict__ d_gone)
+static __global__ void leave_kernel(gpu_raster before, int count, const int32_t *__restrict__ d_gone)
 {
-    const int e = (int)(blockIdx.x * THREADS + threadIdx.x) / 4;
-    if (e >= before.num_elements || !d_gone[e]) return;
+    const int i = (int)(blockIdx.x * THREADS + threadIdx.x) / 4;
+    if (i >= count) return;
+    const int e = d_gone[i];
     const gpu_tet *stored = static_cast<const gpu_tet *>(before.d_setup) + e;
     visit_bricks(before, e, {stored->bricks, stored->box}, [&](int one, int other) {
         before.d_dirty[one] = 1;
@@ -246,14 +259,19 @@ static __global__ void leave_kernel(gpu_raster before, const uint8_t *__restrict
     });
 }
 
-extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, const int32_t *d_from, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common, const int32_t *d_from, int32_t num_anew,
+                                                    const int32_t *d_anew, cudaStream_t stream)
 {
-    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, d_from);
-    return CUDA_LAUNCHED("carry_kernel");
+    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, common, d_from);
+    CUDA_TRY(CUDA_LAUNCHED("carry_kernel"));
+    if (num_anew == 0) return PLIANT_OK;
+    anew_kernel<<<(unsigned)((num_anew + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*now, num_anew, d_anew);
+    return CUDA_LAUNCHED("anew_kernel");
 }
 
-extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, const uint8_t *d_gone, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone, cudaStream_t stream)
 {
-    leave_kernel<<<(unsigned)((4 * (long long)before->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, d_gone);
+    if (num_gone == 0) return PLIANT_OK;
+    leave_kernel<<<(unsigned)((4 * (long long)num_gone + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, num_gone, d_gone);
     return CUDA_LAUNCHED("leave_kernel");
 }

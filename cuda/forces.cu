@@ -106,7 +106,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     double residual = 0, work = 0, elastic = 0;
     if (n < system.num_free && d < 3) {
         double sum = 0;
-        const int end = system.d_corner_start[n + 1];
+        const int end = system.d_corner_end[n];
 #pragma unroll 4
         for (int c = system.d_corner_start[n]; c < end; c++) sum += iteration.d_element_force[4 * (size_t)system.d_corner[c] + d];
         const size_t i = 3 * (size_t)n + d, x = 3 * (size_t)system.d_node_of_free[n] + d;
@@ -164,7 +164,7 @@ static __global__ void __launch_bounds__(GATHER_THREADS) turn_kernel(gpu_system 
     double sum[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, turn[9];
     if (!identity) {
         for (int m = 0; m < 9; m++) sum[m] = 0;
-        for (int c = system.d_corner_start[n]; c < system.d_corner_start[n + 1]; c++) {
+        for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++) {
             const int corner = system.d_corner[c], t = system.macros.count > 0 ? system.macros.d_cube_of_corner[corner] : corner / 4;
             for (int m = 0; m < 9; m++) sum[m] += iteration.d_rotations[16 * (size_t)t + m];
         }

@@ -27,7 +27,7 @@ static open_vectors vectors_of(const gpu_iteration *it)
 static __device__ __forceinline__ void elastic_at(const gpu_system &system, const double *d_element_force, int n, double *out)
 {
     for (int d = 0; d < 3; d++) out[d] = 0;
-    for (int c = system.d_corner_start[n]; c < system.d_corner_start[n + 1]; c++)
+    for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++)
         for (int d = 0; d < 3; d++) out[d] += d_element_force[4 * (size_t)system.d_corner[c] + d];
 }
 

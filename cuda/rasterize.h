@@ -55,10 +55,11 @@ int32_t pliant_cuda_longest_usual(void);
 /* In place of values, who owns every voxel: d_owner (voxels of the target), -1: nobody. Of bricks with parts. */
 pliant_status pliant_cuda_find_owners(const gpu_raster *raster, int32_t *d_owner, cudaStream_t stream);
 
-/* Elements of another body, with how they were drawn; d_from: pliant_warp_changes. */
-pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, const int32_t *d_from, cudaStream_t stream);
-/* The bricks of elements that are gone become dirty. d_gone: likewise */
-pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, const uint8_t *d_gone, cudaStream_t stream);
+/* Elements of another body, with how they were drawn: lists as those of pliant_warp_changes. */
+pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common, const int32_t *d_from, int32_t num_anew,
+                                         const int32_t *d_anew, cudaStream_t stream);
+/* The bricks of elements that are gone become dirty: likewise. */
+pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone, cudaStream_t stream);
 
 #ifdef __cplusplus
 }

@@ -23,7 +23,7 @@ struct gpu_renewal {
     pliant_preconditioner_choice choice;
     cudaStream_t stream;              /* lets that of the steps go first */
     const pliant_discretization *of;  /* Nullable: retained: what it is made for */
-    int32_t *source;                  /* (nodes of the solved mesh) node of that one's mesh; NULL: they are the same */
+    int32_t *source;                  /* (nodes of the solved mesh) node of that one's mesh, -1: none; NULL: they are the same */
     gpu_preconditioner made;          /* nothing but a base */
     gpu_preconditioner discarded;     /* freed by the thread */
     pliant_status status;
@@ -114,7 +114,10 @@ static pliant_status put_below(pliant_cuda_solver *gpu, const pliant_system *sys
     const gpu_renewal *renewal = gpu->renewal;
     int32_t *h_source = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_source));
     if (!h_source) return pliant_fail_memory("the preconditioner");
-    for (int32_t f = 0; f < system->num_free; f++) h_source[f] = renewal->of->system->free_of_node[renewal->source[system->node_of_free[f]]];
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t was = renewal->source[system->node_of_free[f]];
+        h_source[f] = was >= 0 ? renewal->of->system->free_of_node[was] : -1;
+    }
     gpu_preconditioner *now = &gpu->preconditioner;
     return pliant_cuda_carried_set(system, &gpu->system, renewal->made.num_free, h_source, renewal->made.h_whole, gpu->stream, &now->carried, &now->room, possible);
 }
@@ -158,7 +161,7 @@ extern "C" pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int
     if (!renewal || !renewal->running) return PLIANT_OK;
     int32_t *source = static_cast<int32_t *>(pliant_calloc((size_t)num_nodes, sizeof *source));
     if (!source) return pliant_fail_memory("the background preconditioner");
-    for (int32_t n = 0; n < num_nodes; n++) source[n] = renewal->source ? renewal->source[node[n]] : node[n];
+    for (int32_t n = 0; n < num_nodes; n++) source[n] = renewal->source && node[n] >= 0 ? renewal->source[node[n]] : node[n];
     pliant_free(renewal->source);
     renewal->source = source;
     return PLIANT_OK;

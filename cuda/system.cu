@@ -1,6 +1,7 @@
 #include "check.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
+#include "send.h"
 #include "state/discretization.h"
 #include "system.h"
 
@@ -24,16 +25,7 @@ static const pliant_body_changes *changes_of(const pliant_system *now, const pli
     return next ? &now->of->body->changes : nullptr;
 }
 
-template <class T> static size_t first_difference(const T *a, const T *b, size_t count)
-{
-    enum { CHUNK = 256 };
-    size_t n = 0;
-    while (n + CHUNK <= count && memcmp(a + n, b + n, CHUNK * sizeof *a) == 0) n += CHUNK;
-    while (n < count && memcmp(a + n, b + n, sizeof *a) == 0) n++;
-    return n;
-}
-
-/* An array from where it differs on: cuts mostly add to the ends. */
+/* An array; where it is there already, what differs. */
 template <class T>
 static pliant_status send(const passage &work, int array, const T *h_now, size_t count, const T *h_before, size_t count_before, const char *what, T **d_out)
 {
@@ -46,25 +38,8 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
     const bool held = *d_out && work.room->bytes[array] >= count * sizeof(T);
     CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), work.room->grows, what, &d_block, work.room->bytes + array));
     *d_out = static_cast<T *>(d_block);
-    const size_t first = held && h_before ? first_difference(h_now, h_before, count < count_before ? count : count_before) : 0;
-    if (first == count) return PLIANT_OK;
-    return CUDA_CALL(cudaMemcpyAsync(*d_out + first, h_now + first, (count - first) * sizeof(T), cudaMemcpyHostToDevice, work.stream));
-}
-
-/* Rows of tetrahedra from those that are listed. */
-static pliant_status send_listed_tets(const passage &work)
-{
-    const pliant_mesh *now = work.now->mesh, *was = work.before->mesh;
-    int32_t *d_tets = work.gpu->d_tets;
-    const size_t row = 4 * sizeof *d_tets, appended = (size_t)(now->num_tets - was->num_tets);
-    for (int32_t i = 0; i < work.changes->num_touched; i++) {
-        const size_t at = 4 * (size_t)work.changes->touched[i];
-        if (memcmp(now->tets + at, was->tets + at, row) == 0) continue;
-        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_tets + at, now->tets + at, row, cudaMemcpyHostToDevice, work.stream)));
-    }
-    if (appended == 0) return PLIANT_OK;
-    const size_t at = 4 * (size_t)was->num_tets;
-    return CUDA_CALL(cudaMemcpyAsync(d_tets + at, now->tets + at, appended * row, cudaMemcpyHostToDevice, work.stream));
+    if (held && h_before) return pliant_cuda_send_differences(h_now, count * sizeof(T), h_before, count_before * sizeof(T), *d_out, work.stream);
+    return CUDA_CALL(cudaMemcpyAsync(*d_out, h_now, count * sizeof(T), cudaMemcpyHostToDevice, work.stream));
 }
 
 /* ---- elements: lanes of 8 on the CPU; one number after the other over all elements on the GPU */
@@ -149,7 +124,7 @@ static pliant_status send_elements(const passage &work, int array, const void *n
 
 /* ---- all of it */
 
-enum { TETS, REST, GRADIENTS, LAME, STIFFNESS, GROUNDED, NODE_OF_FREE, CORNER_START, CORNER, FINE_REST, UPSAMPLE_NODE, WEIGHTS, ENTRY_START, ENTRY_ELEMENT, ENTRY_SHARE, ENTRY_SHAPE, STILL };
+enum { TETS, REST, GRADIENTS, LAME, STIFFNESS, GROUNDED, NODE_OF_FREE, CORNER_START, CORNER_END, CORNER, FINE_REST, UPSAMPLE_NODE, WEIGHTS, ENTRY_START, ENTRY_ELEMENT, ENTRY_SHARE, ENTRY_SHAPE, STILL };
 
 static pliant_status send_upsampling(const passage &work)
 {
@@ -188,17 +163,16 @@ static pliant_status send_all(const passage &work)
     if (gpu->num_tets > gpu->tet_stride) gpu->tet_stride = work.room->grows ? gpu->num_tets + gpu->num_tets / 4 : gpu->num_tets;
     CUDA_TRY(send(work, REST, mesh->rest, 3 * (size_t)mesh->num_nodes, mesh_was->rest, 3 * (size_t)mesh_was->num_nodes, what, &gpu->d_rest));
     CUDA_TRY(send(work, NODE_OF_FREE, now->node_of_free, free_nodes, was->node_of_free, free_was, what, &gpu->d_node_of_free));
-    CUDA_TRY(send(work, CORNER_START, now->corner_start, free_nodes + 1, was->corner_start, free_was + 1, what, &gpu->d_corner_start));
-    CUDA_TRY(send(work, CORNER, now->corner, (size_t)now->corner_start[free_nodes], was->corner, work.before ? (size_t)was->corner_start[free_was] : 0, what,
-                  &gpu->d_corner));
+    CUDA_TRY(send(work, CORNER_START, now->corner_start, free_nodes, was->corner_start, free_was, what, &gpu->d_corner_start));
+    CUDA_TRY(send(work, CORNER_END, now->corner_end, free_nodes, was->corner_end, free_was, what, &gpu->d_corner_end));
+    CUDA_TRY(send(work, CORNER, now->corner, (size_t)now->num_corners, was->corner, (size_t)was->num_corners, what, &gpu->d_corner));
     if (now->upsample)
         CUDA_TRY(send(work, FINE_REST, now->fine->rest, 3 * (size_t)gpu->num_fine, fine_was->rest, 3 * (size_t)fine_was->num_nodes, "the upsampling", &gpu->d_fine_rest));
     if (now->macros) {
         CUDA_TRY(pliant_cuda_macros_set(now->macros, work.room->grows, work.stream, work.room->macros, &gpu->macros));
         return now->upsample && !now->macros->fine_start ? send_upsampling(work) : PLIANT_OK;
     }
-    if (work.changes && work.room->bytes[TETS] >= 4 * tets * sizeof *mesh->tets) CUDA_TRY(send_listed_tets(work));
-    else CUDA_TRY(send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
+    CUDA_TRY(send(work, TETS, mesh->tets, 4 * tets, mesh_was->tets, 4 * (size_t)mesh_was->num_tets, what, &gpu->d_tets));
     CUDA_TRY(send_elements(work, GRADIENTS, now->gradients, was->gradients, 12, LANES, &gpu->d_gradients));
     CUDA_TRY(send_elements(work, LAME, now->lame, was->lame, 2, LANES, &gpu->d_lame));
     CUDA_TRY(send_elements(work, STIFFNESS, now->stiffness, was->stiffness, 144, 1, &gpu->d_stiffness));
@@ -232,7 +206,7 @@ extern "C" pliant_status pliant_cuda_system_follow(const pliant_system *system, 
 extern "C" void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room)
 {
     void *blocks[] = {system->d_tets, system->d_rest, system->d_gradients, system->d_lame, system->d_stiffness, system->d_grounded,
-                      system->d_node_of_free, system->d_corner_start, system->d_corner, system->d_fine_rest, system->d_upsample_node,
+                      system->d_node_of_free, system->d_corner_start, system->d_corner_end, system->d_corner, system->d_fine_rest, system->d_upsample_node,
                       system->d_weights, system->d_entry_start, system->d_entry_element, system->d_entry_share, system->d_entry_shape,
                       system->d_still, room->d_passage};
     for (void *block : blocks) pliant_cuda_release(block);

@@ -21,7 +21,7 @@ typedef struct gpu_system {
     double *d_stiffness;       /* (144 x tet_stride); NULL: isotropic */
     uint8_t *d_grounded;       /* (num_tets); NULL: none */
     int32_t *d_node_of_free;   /* (num_free) */
-    int32_t *d_corner_start, *d_corner;
+    int32_t *d_corner_start, *d_corner_end, *d_corner;
     /* upsampling; all NULL when the fine mesh is solved */
     double *d_fine_rest;       /* (num_fine x 3) */
     int corners;               /* 4, or 8 */
@@ -33,7 +33,7 @@ typedef struct gpu_system {
     gpu_macros macros;         /* in place of tetrahedra */
 } gpu_system;
 
-enum { SYSTEM_ARRAYS = 17 };
+enum { SYSTEM_ARRAYS = 18 };
 
 /* How much its arrays have room for. */
 typedef struct gpu_system_room {

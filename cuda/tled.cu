@@ -94,11 +94,11 @@ static pliant_status upload_cubes(pliant_cuda_tled *gpu)
         for (int v = 0; v < 8; v++) cubes[c].node[v] = from->nodes[block][v][lane];
         cubes[c].shear = from->moduli[block][0][lane];
         cubes[c].bulk = from->moduli[block][1][lane];
-        cubes[c].volume = from->moduli[block][2][lane];
+        cubes[c].contraction = from->moduli[block][2][lane];
         cubes[c].finer = from->finer[block][lane];
     }
     memcpy(it->cube_gradient, from->gradient, sizeof it->cube_gradient);
-    memcpy(it->hourglass, from->hourglass, sizeof it->hourglass);
+    it->cube_bending = from->bending;
     pliant_status status = upload(gpu, cubes, count, &it->d_cubes);
     pliant_free(cubes);
     return status;

@@ -64,6 +64,14 @@ static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const d
     return (float)pliant_exact_change_of(exact);
 }
 
+static __device__ __forceinline__ void modes_of(const float w[3][8], pliant_cube_modes *out)
+{
+    for (int m = 0; m < 9; m++) {
+        out->along[m] = w[m % 3][1 << m / 3];
+        out->across[m] = w[m % 3][7 ^ 1 << m / 3];
+    }
+}
+
 /* H = sum over corners 1 to 3 of (u_v - u_0) g_v', differences in double. Nothing writes to d_u while this runs. */
 static __device__ __forceinline__ void load_gradient(const double *d_u, const gpu_tet &tet, float h[9])
 {
@@ -157,20 +165,29 @@ template <int LAW, bool VISCOUS>
 static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int from, int from_memory, int32_t element, float (*out)[GPU_THREADS])
 {
     const gpu_cube cube = load_cube(tled.d_cubes, (element >> 1) - tled.num_tets);
-    float w[3][8], h[9], change[9], p[9];
+    float w[3][8], more[3][8], h[9], change[9], p[9];
+    pliant_cube_modes modes, moved, force;
     const float pressure = cube.bulk * pliant_law_float_volume((pliant_law)LAW, load_modes(tled, tled.d_u[from], 4, cube, w, h));
+    const float shear = cube.shear * (cube.finer * cube.finer), damping = tled.d_frame->damping;
+    modes_of(w, &modes);
     if (tled.damped) {
-        float more[3][8];
         load_modes(tled, tled.d_d[from], 3, cube, more, change);
-        for (int r = 0; r < 3; r++)
-            for (int m = 0; m < 8; m++) w[r][m] += tled.d_frame->damping * more[r][m];
+        modes_of(more, &moved);
+        pliant_cube_bend(&tled.cube_bending, cube.finer, shear, cube.contraction, &modes, &moved, damping, &force);
+        for (int r = 0; r < 3; r++) w[r][7] += damping * more[r][7];
+    } else {
+        pliant_cube_bend(&tled.cube_bending, cube.finer, shear, cube.contraction, &modes, NULL, 0, &force);
     }
     element_stress<LAW, VISCOUS>(tled, from_memory, element, h, tled.damped ? change : NULL, cube.shear, cube.bulk, &pressure, p);
     for (int r = 0; r < 3; r++) {
-        for (int m = 0; m < 8; m++) w[r][m] *= tled.hourglass[m] * cube.shear * (cube.finer * cube.finer);
-        for (int axis = 0; axis < 3; axis++)
-            w[r][1 << axis] = cube.finer * (p[3 * r] * tled.cube_gradient[3 * axis] + p[3 * r + 1] * tled.cube_gradient[3 * axis + 1] +
+        w[r][0] = 0;
+        w[r][7] *= shear * tled.cube_bending.twist;
+        for (int axis = 0; axis < 3; axis++) {
+            w[r][7 ^ 1 << axis] = force.across[3 * axis + r];
+            w[r][1 << axis] = force.along[3 * axis + r] +
+                              cube.finer * (p[3 * r] * tled.cube_gradient[3 * axis] + p[3 * r + 1] * tled.cube_gradient[3 * axis + 1] +
                                             p[3 * r + 2] * tled.cube_gradient[3 * axis + 2]);
+        }
         transform(w[r], true);
         for (int v = 0; v < 8; v++) out[3 * v + r][threadIdx.x] = w[r][v];
     }

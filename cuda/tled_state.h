@@ -11,6 +11,7 @@
 #ifndef PLIANT_CUDA_TLED_STATE_H
 #define PLIANT_CUDA_TLED_STATE_H
 
+#include "fem/dynamics/cube_bending.h"
 #include "fem/dynamics/tled.h"
 
 #include <cuda_runtime_api.h>
@@ -33,7 +34,7 @@ typedef struct gpu_tet {
 /* A hexahedron likewise (src/fem/dynamics/tled_cubes.h). */
 typedef struct gpu_cube {
     int32_t node[8];
-    float shear, bulk, volume, finer; /* finer: 1 over the edge in smallest cells */
+    float shear, bulk, contraction, finer; /* contraction: c of cube_bending.h; finer: 1 over the edge in smallest cells */
 } gpu_cube;
 
 /* A node as one thread reads it. */
@@ -87,7 +88,8 @@ typedef struct gpu_tled {
     const uint16_t *d_corner;  /* (corners) GPU_THREADS times corner + place in d_element of the group, elements ascending */
     const gpu_tet *d_tets;
     const gpu_cube *d_cubes;   /* (num_elements - num_tets); NULL: all are tetrahedra */
-    float cube_gradient[9], hourglass[8]; /* struct pliant_tled_cubes */
+    float cube_gradient[9];    /* struct pliant_tled_cubes, as the next */
+    pliant_cube_bending cube_bending;
     gpu_node *d_nodes;
     const double *d_rest;      /* (num_nodes x 3) */
     const float *d_node_modulus, *d_node_volume; /* nodal pressure, as is d_pressure */

@@ -178,6 +178,8 @@ extern "C" void pliant_cuda_touching_take(const gpu_touching *touching, pliant_t
     for (int32_t i = 0; i < touching->num_points; i++) {
         pliant_contact_point *point = tled->contacts->point + touching->order[i];
         memcpy(point->weight, touching->h_point[i].weight, sizeof point->weight);
+        memcpy(point->normal, touching->h_point[i].normal, sizeof point->normal);
+        memcpy(point->place, touching->h_point[i].place, sizeof point->place);
         tled->touch[touching->order[i]] = touching->h_touch[i];
     }
 }

@@ -6,6 +6,7 @@
 #include "pliant/memory.h"
 #include "rasterize.h"
 #include "render.h"
+#include "send.h"
 #include "warp.h"
 
 #include <cstring>
@@ -79,9 +80,30 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     return status;
 }
 
-/* what is of a body */
-static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stream, gpu_raster *raster, body_room *room)
+/* What is here of the body before, and was sent from where. */
+struct known_body {
+    const gpu_raster *raster;
+    const pliant_warp_parts *parts;
+};
+
+/* An array of which the first ones are here: what differs from before, or lies behind them, is sent. h_before: NULL: nothing differs */
+template <class T>
+static pliant_status send_next(const T *h_from, size_t count, const T *d_before, const T *h_before, size_t before, int array, cudaStream_t stream, body_room *room, const T **d_out)
 {
+    const size_t same = before < count ? before : count;
+    CUDA_TRY(room_for(count, array, room, d_out));
+    T *d_to = const_cast<T *>(*d_out);
+    if (same > 0) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to, d_before, same * sizeof(T), cudaMemcpyDeviceToDevice, stream)));
+    if (h_before) return pliant_cuda_send_differences(h_from, count * sizeof(T), h_before, before * sizeof(T), d_to, stream);
+    return same == count ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T), cudaMemcpyHostToDevice, stream));
+}
+
+/* what is of a body; known: Nullable */
+static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream, gpu_raster *raster, body_room *room)
+{
+    const gpu_raster *here = known ? known->raster : raster;
+    const pliant_mesh *mesh_here = known ? known->parts->mesh : nullptr;
+    const pliant_parts *cut_here = known && here->parts.elements ? known->parts->parts : nullptr;
     const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
     const pliant_parts *cut = parts->parts;
     const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
@@ -90,8 +112,9 @@ static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stre
     raster->num_tets = (int32_t)tets;
     raster->num_elements = (int32_t)elements;
     uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);
-    CUDA_TRY(send(parts->mesh->tets, 4 * tets, TETS, stream, room, &raster->d_tets));
-    CUDA_TRY(send(parts->rest, 3 * nodes, REST, stream, room, &raster->d_rest));
+    CUDA_TRY(send_next(parts->mesh->tets, 4 * tets, here->d_tets, mesh_here ? mesh_here->tets : nullptr, mesh_here ? 4 * (size_t)mesh_here->num_tets : 0, TETS, stream,
+                       room, &raster->d_tets));
+    CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr, known ? 3 * (size_t)parts->rest_known : 0, REST, stream, room, &raster->d_rest));
     CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
     CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
     raster->d_setup = d_setup;
@@ -106,9 +129,12 @@ static pliant_status fill_body(const pliant_warp_parts *parts, cudaStream_t stre
     memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
     raster->parts.num_elements = cut->view.num_elements;
     if (guests > 0) CUDA_TRY(send(cut->guests, guests, GUESTS, stream, room, &raster->d_guests));
-    CUDA_TRY(send(cut->view.elements, elements, ELEMENTS, stream, room, &raster->parts.elements));
+    CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr, cut_here ? (size_t)cut_here->view.num_elements : 0,
+                       ELEMENTS, stream, room, &raster->parts.elements));
     if (cut->num_boxes > 0) CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
-    if (cut->num_labels > 0) CUDA_TRY(send(cut->view.labels, (size_t)cut->num_labels, LABELS, stream, room, &raster->parts.labels));
+    const size_t labels_here = cut_here && cut_here->pool == cut->pool ? (size_t)cut_here->num_labels : 0; /* of one pool: those that come later are behind them */
+    if (cut->num_labels > 0)
+        CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr, labels_here, LABELS, stream, room, &raster->parts.labels));
     CUDA_TRY(room_for(bricks, PARTED, room, &raster->d_parted));
     return CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, bricks, stream));
 }
@@ -140,7 +166,7 @@ static pliant_status fill_lists(pliant_cuda_warp *gpu)
 static pliant_status fill_raster(pliant_cuda_warp *gpu)
 {
     if (!gpu->parts.fit) CUDA_TRY(upload_source(gpu));
-    CUDA_TRY(fill_body(&gpu->parts, gpu->stream, &gpu->raster, &gpu->room));
+    CUDA_TRY(fill_body(&gpu->parts, nullptr, gpu->stream, &gpu->raster, &gpu->room));
     return fill_lists(gpu);
 }
 
@@ -352,9 +378,9 @@ struct cuda_next {
     body_room room;
     double *d_positions;
     pliant_cuda_fit *fit;
-    uint8_t *d_gone;
-    int32_t *d_from;
-    size_t gone_room, from_room;
+    int32_t *d_gone, *d_from, *d_anew;
+    size_t gone_room, from_room, anew_room;
+    int32_t num_gone;
 };
 
 static void free_next(cuda_next *next)
@@ -364,6 +390,7 @@ static void free_next(cuda_next *next)
     pliant_cuda_release(next->d_positions);
     pliant_cuda_release(next->d_gone);
     pliant_cuda_release(next->d_from);
+    pliant_cuda_release(next->d_anew);
     pliant_free(next);
 }
 
@@ -377,21 +404,24 @@ static void drop_next(cuda_next *next)
     else next->of->spare = next;
 }
 
-template <class T> static pliant_status send_list(const T *h_from, int32_t count, cudaStream_t stream, T **d_out, size_t *room)
+static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_t stream, int32_t **d_out, size_t *room)
 {
     void *d_block = *d_out;
-    CUDA_TRY(pliant_cuda_ensure((size_t)count * sizeof(T), true, "the mesh to draw", &d_block, room));
-    *d_out = static_cast<T *>(d_block);
-    return CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof(T), cudaMemcpyHostToDevice, stream));
+    CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", &d_block, room));
+    *d_out = static_cast<int32_t *>(d_block);
+    return count == 0 ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from, cudaMemcpyHostToDevice, stream));
 }
 
 /* The elements of the next body as they were drawn; what was drawn before is only read. */
-static pliant_status carry(const pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
+static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
-    CUDA_TRY(fill_body(&next->parts, gpu->stream, &next->raster, &next->room));
-    CUDA_TRY(send_list(changes->gone, changes->before, gpu->stream, &next->d_gone, &next->gone_room));
-    CUDA_TRY(send_list(changes->from, changes->now, gpu->stream, &next->d_from, &next->from_room));
-    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, next->d_from, gpu->stream));
+    const known_body known = {&gpu->raster, &gpu->parts};
+    CUDA_TRY(fill_body(&next->parts, &known, gpu->stream, &next->raster, &next->room));
+    CUDA_TRY(send_list(changes->gone, changes->num_gone, gpu->stream, &next->d_gone, &next->gone_room));
+    CUDA_TRY(send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_room));
+    CUDA_TRY(send_list(changes->anew, changes->num_anew, gpu->stream, &next->d_anew, &next->anew_room));
+    next->num_gone = changes->num_gone;
+    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from, changes->num_anew, next->d_anew, gpu->stream));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -403,7 +433,7 @@ static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes 
     CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &next->fit));
     if (!parts->parts) return PLIANT_OK;
     CUDA_TRY(fill_lists(gpu));
-    CUDA_TRY(fill_body(parts, gpu->stream, &next->raster, &next->room)); /* all is set up anew in every update */
+    CUDA_TRY(fill_body(parts, nullptr, gpu->stream, &next->raster, &next->room)); /* all is set up anew in every update */
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -438,7 +468,7 @@ template <class T> static void exchange(T *a, T *b)
 static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
 {
     gpu_raster *old = &gpu->raster, *now = &next->raster;
-    if (gpu->drawn && !gpu->fit && (pliant_cuda_leave_bricks(old, next->d_gone, gpu->stream) != PLIANT_OK ||
+    if (gpu->drawn && !gpu->fit && (pliant_cuda_leave_bricks(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
                                     CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
         gpu->drawn = false;
     gpu->parts = next->parts;

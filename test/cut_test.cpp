@@ -1,5 +1,6 @@
 // Cuts of a body: what a sweep severs, and the next body.
 #include "cuts.h"
+#include "cut/work.h"
 
 namespace {
 
@@ -67,6 +68,49 @@ TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
         sides[pieces[v]].insert(side > 0);
     }
     for (const auto &piece : sides) EXPECT_EQ(piece.second.size(), 1u);
+}
+
+// However the tissue lies: of tetrahedra at load, of those beside a cut and of fragments, none is left out that a blade may be near.
+TEST(Cut, NoTetrahedronNearABladeIsLeftOut)
+{
+    auto block = bar();
+    const double point[3] = {0.103, 0.05, 0.05}, normal[3] = {1, 0.2, -0.1};
+    ASSERT_TRUE(block->cut_plane(point, normal));
+    const pliant_mesh &mesh = block->now->fine;
+    std::mt19937 random(2);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    int32_t near = 0, left_out = 0;
+    for (int round = 0; round < 40; round++) {
+        std::vector<double> positions(block->positions);
+        const double far = round % 4 == 0 ? 0 : 0.01 * round / 10;
+        for (double &x : positions) x += far * unit(random);
+        cut_strip strip{};
+        for (int d = 0; d < 3; d++) {
+            strip.low[d] = box[d] * (0.5 + 0.7 * unit(random));
+            strip.high[d] = strip.low[d] + 0.01 * std::fabs(unit(random));
+        }
+        const double reach = 0.3 * (1 + unit(random)), slack = 1e-6;
+        uint8_t *may = nullptr;
+        ASSERT_EQ(pliant_cut_near(block->now, positions.data(), &strip, reach, slack, &may), PLIANT_OK);
+        for (int32_t t = 0; t < mesh.num_tets; t++) {
+            bool is = true;
+            for (int d = 0; d < 3; d++) {
+                double low = INFINITY, high = -INFINITY;
+                for (int v = 0; v < 4; v++) {
+                    low = std::fmin(low, positions[3 * mesh.tets[4 * t + v] + d]);
+                    high = std::fmax(high, positions[3 * mesh.tets[4 * t + v] + d]);
+                }
+                const double more = reach * (high - low) + slack;
+                is = is && low - more <= strip.high[d] && high + more >= strip.low[d];
+            }
+            near += is;
+            EXPECT_TRUE(may[t] || !is) << "tetrahedron " << t;
+            left_out += !may[t];
+        }
+        pliant_free(may);
+    }
+    EXPECT_GT(near, 100);
+    EXPECT_GT(left_out, 1000);
 }
 
 // On a plane of the lattice no tetrahedron is cut: each half is the mesh of half the bar, with the same bits.

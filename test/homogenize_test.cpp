@@ -111,7 +111,7 @@ TEST(Homogenize, AnIndefiniteElementIsRefused)
         system.fine = &of->fine;
         system.num_threads = 1;
         ASSERT_EQ(pliant_system_elements(&system, none.data(), nullptr, nullptr), PLIANT_OK);
-        EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine, nullptr, {nullptr, nullptr}),
+        EXPECT_EQ(pliant_homogenize(&system, &body.scene, &of->fine, of->fine_fixed, fine.data(), of->coarse_of_fine, {nullptr, nullptr}),
                   PLIANT_ERROR_NUMERIC) << "method " << method;
         const std::string message = pliant_last_error();
         EXPECT_NE(message.find("coarse tetrahedron " + std::to_string(wrong)), std::string::npos) << message;

@@ -4,7 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
+#include <random>
 #include <utility>
 #include <vector>
 
@@ -118,6 +120,56 @@ TEST(Memory, WhatIsLongerKeepsItsBeginningAndIsClearBehindIt)
     EXPECT_EQ(pliant_resize(block, LARGE, 1), nullptr);
     EXPECT_TRUE(is(block, 5, 5000)) << "a block that could not grow stays";
     pliant_free(block);
+}
+
+// Arrays that follow one another, as those of bodies do: whichever of them is freed, and whatever was written, what is made next of one is that one.
+TEST(Memory, WhatFollowsAnArrayIsThatArray)
+{
+    Keeping keeping(64 * int64_t(LARGE));
+    const size_t before = pliant_memory_in_use();
+    std::mt19937 random(3);
+    struct Array { int *block; std::vector<int> wanted; };
+    std::vector<Array> arrays;
+    const size_t first = 40000;
+    auto *at_load = static_cast<int *>(pliant_calloc(first, sizeof(int)));
+    for (size_t n = 0; n < first; n++) at_load[n] = int(random());
+    arrays.push_back({at_load, std::vector<int>(at_load, at_load + first)});
+    for (int round = 0; round < 300; round++) {
+        const size_t of = random() % arrays.size(), count = arrays[of].wanted.size(), kept = random() % 4 ? count : count - random() % 3000, more = random() % 3 ? 0 : random() % 2000;
+        Array next{static_cast<int *>(pliant_next_of(arrays[of].block, kept, kept + more, sizeof(int))), arrays[of].wanted};
+        ASSERT_NE(next.block, nullptr);
+        next.wanted.resize(kept);
+        next.wanted.resize(kept + more, 0);
+        for (int w = 0; w < 5; w++) {
+            const size_t place = random() % next.wanted.size(), run = std::min<size_t>(random() % 40, next.wanted.size() - place);
+            for (size_t n = place; n < place + run; n++) next.block[n] = next.wanted[n] = int(random());
+            pliant_writes(next.block, place, run, sizeof(int));
+        }
+        if (round % 5 == 0) { /* what is added may be written to without saying so, and what is taken away is gone */
+            const size_t was = next.wanted.size(), is = round % 10 ? was + random() % 1500 : was - random() % 1500;
+            next.block = static_cast<int *>(pliant_resize(next.block, is, sizeof(int)));
+            ASSERT_NE(next.block, nullptr);
+            next.wanted.resize(is, 0);
+            for (size_t n = was; n < is; n++) next.block[n] = next.wanted[n] = int(random());
+        }
+        ASSERT_EQ(std::memcmp(next.block, next.wanted.data(), next.wanted.size() * sizeof(int)), 0) << round;
+        const size_t common = std::min(next.wanted.size(), count) * sizeof(int);
+        size_t from = 0, to = 0, same_up_to = 0;
+        while (pliant_next_difference(next.block, arrays[of].block, common, &from, &to)) {
+            ASSERT_EQ(std::memcmp(reinterpret_cast<char *>(next.block) + same_up_to, reinterpret_cast<char *>(arrays[of].block) + same_up_to, from - same_up_to), 0);
+            ASSERT_LT(from, to);
+            same_up_to = to;
+        }
+        ASSERT_EQ(std::memcmp(reinterpret_cast<char *>(next.block) + same_up_to, reinterpret_cast<char *>(arrays[of].block) + same_up_to, common - same_up_to), 0);
+        arrays.push_back(next);
+        while (arrays.size() > 4) {
+            const size_t goes = 1 + random() % (arrays.size() - 1);
+            pliant_free(arrays[goes].block);
+            arrays.erase(arrays.begin() + long(goes));
+        }
+    }
+    for (const Array &array : arrays) pliant_free(array.block);
+    EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
 TEST(Memory, CopiesAreWholeAndNothingIsSomething)

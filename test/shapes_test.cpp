@@ -119,6 +119,9 @@ TEST(Shapes, TheNearestPointOfAnEdgeIsThatOfManySamples)
             double p[3];
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d];
             EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
+            double along = 0; // in the middle of an edge the way out has no slope along it, on a box's own edges, too
+            for (int d = 0; d < 3; d++) along += normal[d] * (at[1][d] - at[0][d]) / size;
+            if (weight[0] > 0 && weight[1] > 0 && part.kind != PLIANT_PART_HALF_SPACE) EXPECT_NEAR(along, 0, 0.02);
         }
 }
 
@@ -142,6 +145,11 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
             EXPECT_GE(std::fmin(weight[0], std::fmin(weight[1], weight[2])), 0);
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
             EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
+            for (int e = 1; e < 3; e++) { // in the middle of a triangle it is along the triangle's own normal, on a box's corners, too
+                double along = 0;
+                for (int d = 0; d < 3; d++) along += normal[d] * (at[e][d] - at[0][d]) / size;
+                if (std::fmin(weight[0], std::fmin(weight[1], weight[2])) > 1e-3 && part.kind != PLIANT_PART_HALF_SPACE) EXPECT_NEAR(along, 0, 1e-9);
+            }
         }
         std::printf("kind %d: at most %.2e of the triangle's size above the samples' least\n", part.kind, worst);
         EXPECT_LT(worst, 2e-3);

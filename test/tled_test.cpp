@@ -224,7 +224,7 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
         EXPECT_EQ(status, PLIANT_ERROR_NUMERIC);
         EXPECT_NE(std::string(pliant_last_error()).find("faster than sound"), std::string::npos) << pliant_last_error();
         EXPECT_TRUE(std::equal(before.begin(), before.end(), bar.data->positions));
-        EXPECT_LT(bar.data->statistics.iterations, 30);
+        EXPECT_LT(bar.data->statistics.iterations, 40); // it ends where it is caught: not after the whole frame
     }
 }
 

@@ -18,19 +18,14 @@ extern "C" {
 typedef struct pliant_body_changes {
     uint64_t since;            /**< revision of the body before; 0: this is the body at load */
     int32_t nodes_before, tets_before;
-    int32_t coarse_nodes_before, coarse_tets_before;
     int32_t num_touched;       /**< fine tetrahedra that were there before and whose nodes, material or voxels changed */
     int32_t *touched;          /**< (num_touched) ascending */
-    int32_t num_touched_coarse;
-    int32_t *touched_coarse;   /**< (num_touched_coarse) ascending; also those whose fine tetrahedra changed */
     /* what appended ones are copies of, in the body before; NULL: none were appended */
-    int32_t *node_source, *tet_source;               /**< (those of now - those before) */
-    int32_t *coarse_node_source, *coarse_tet_source; /**< likewise */
+    int32_t *node_source, *tet_source; /**< (those of now - those before) */
 } pliant_body_changes;
 
 /** Which voxels are joined at load: the finest level of a body, made only where a scene may cut (pliant_voxels_create), constant, shared by
- *  all bodies of a load and counted by reference. Fragments nest: one of a fine tetrahedron is a set of its voxels, one of a coarse
- *  tetrahedron a set of fine fragments (coarse_of_fine).
+ *  all bodies of a load and counted by reference. A fragment of a fine tetrahedron is a set of its voxels.
  *
  *  Neighbours along an axis are joined by a link, unless it is severed (pliant_cuts); neighbours across an edge by one of the two ways over
  *  links through a voxel that a tetrahedron owns, where neither of its links is severed. Bridges join what these leave apart: within an uncut
@@ -114,25 +109,18 @@ typedef struct pliant_pieces {
 /** Whether a node moves. What a solve is not asked for, since it is of a piece that has come off, is fixed where it was then, not at rest. */
 typedef enum pliant_fixing { PLIANT_MOVES, PLIANT_FIXED_AT_REST, PLIANT_FIXED_WHERE_IT_WAS } pliant_fixing;
 
-/** What becomes of coarse elements where a cut ends inside one, between two, or between fragments and whole ones. */
-typedef enum pliant_cut_end {
-    PLIANT_CUTS_CLOSED,        /**< corners stay one wherever fine faces join: the cut ends at the coarse node before */
-    PLIANT_CUTS_OPEN,          /**< homogenized tetrahedra: it opens within them */
-    PLIANT_CUTS_TIED           /**< hexahedra: it opens, and what is left of the face ties both sides */
-} pliant_cut_end;
-
 typedef struct pliant_body {
     uint64_t revision;         /**< 1 at load; no two bodies of a simulation share one */
     /* MESH */
-    pliant_mesh fine, coarse;  /**< coarse is empty for the fine method */
+    pliant_mesh fine, coarse;  /**< coarse is empty for the fine method; cuts leave it as it is */
     int32_t *node_parent;      /**< (fine.num_nodes) the node at load that it is a copy of; NULL: every node is its own */
     int32_t *tet_parent;       /**< (fine.num_tets) likewise; NULL: likewise */
-    int32_t *coarse_node_parent, *coarse_tet_parent; /**< likewise */
-    int32_t *coarse_of_fine;   /**< (fine.num_tets) the coarse tetrahedron that holds it; NULL: no coarse mesh */
-    int32_t *fine_of_coarse;   /**< (coarse.num_nodes) the fine node at its place, of a tetrahedron within its own; -1: none; NULL: likewise */
+    int32_t *coarse_of_fine;   /**< (fine.num_tets) the coarse tetrahedron that holds it, whole or cut; NULL: no coarse mesh */
+    int32_t *fine_of_coarse;   /**< (coarse.num_nodes) the fine node at its place at load; -1: none; NULL: likewise */
     int32_t *across;           /**< (fine.num_tets x 4) who is across each face (pliant_mesh_neighbours); NULL: a body at load */
     int32_t *triangles;        /**< (num_triangles x 3) surface of the fine mesh, outwards */
     int32_t num_triangles;
+    int32_t *outside;          /**< (num_triangles) the face that each is, 4 tetrahedron + opposite corner, ascending; NULL: not known */
     /* MATERIAL */
     pliant_tet_material *fine_material;   /**< (fine.num_tets) */
     pliant_tet_material *coarse_material; /**< (coarse.num_tets) means over their voxels; NULL but for the coarse method */
@@ -145,7 +133,6 @@ typedef struct pliant_body {
     bool has_inertia;          /**< explicit dynamics: what comes off falls as everything moves; otherwise its nodes are fixed for the solve, and
                                 *   it falls as a rigid body */
     pliant_pieces *pieces;     /**< Nullable: nothing has come off */
-    pliant_cut_end cuts_open;  /**< of the coarse mesh, where a cut ends between its nodes */
 
     const pliant_voxels *voxels; /**< Nullable: only where a scene may cut; one holder of them */
     pliant_cuts *cuts;         /**< Nullable: nothing is severed */
@@ -191,8 +178,8 @@ typedef struct pliant_division {
     bool same_pieces;          /**< no piece comes off another: it is not looked for what falls */
     pliant_cuts *cuts;         /**< of the next body, which takes them; NULL: as before */
 } pliant_division;
-/** The next body: nodes and fragments appended with their parents, masses, what is fixed, surface, and the coarse mesh divided likewise, where
- *  fine tetrahedra of a coarse one no longer hang together. Pieces that nothing holds any more are listed.
+/** The next body: nodes and fragments appended with their parents, masses, what is fixed, and surface. Pieces that nothing holds any more are
+ *  listed.
  *  Errors: MEMORY, ARGUMENT (not a division of this body), FORMAT (faces of three tetrahedra). */
 PLIANT_API pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division, pliant_body **out);
 
@@ -227,7 +214,6 @@ PLIANT_API bool pliant_body_same(const pliant_body *a, const pliant_body *b);
 /** Which node and tetrahedron of another body each one takes its state from: itself, or what it is a copy of. */
 typedef struct pliant_body_map {
     int32_t *node, *tet;               /**< (of the body `to`) */
-    int32_t *coarse_node, *coarse_tet; /**< likewise; NULL: no coarse mesh */
     int32_t num_nodes;                 /**< of the body `to` */
     pliant_between *between;           /**< (num_nodes) of nodes that lie between others of the body `to`; end[0] < 0: it is as `node` says; NULL: all are */
 } pliant_body_map;

@@ -90,7 +90,7 @@ static void set_positions(const pliant_model *model, pliant_data *data, const do
     pliant_solver *solver = data->solver;
     const pliant_system *system = solver->system;
     for (int32_t f = 0; f < system->num_free; f++) {
-        int32_t node = system->node_of_free[f], fine = data->body->fine_of_coarse ? data->body->fine_of_coarse[node] : node;
+        const int32_t node = system->node_of_free[f], fine = pliant_fine_of_solved(system, data->body, node);
         if (fine >= 0) memcpy(solver->now.x + 3 * node, positions + 3 * fine, 3 * sizeof *positions);
     }
     pliant_solver_moved(solver);

@@ -9,7 +9,11 @@
 #define PLIANT_UNROLL _Pragma("unroll")
 #else
 #define PLIANT_UNROLL
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) /* make no vector code of copies, which took two minutes to compile */
+#define PLIANT_INLINE static inline
+#else
 #define PLIANT_INLINE static inline __attribute__((always_inline))
+#endif
 #endif
 
 #endif

@@ -17,12 +17,16 @@ typedef struct header {
     size_t bytes; /* asked for */
     size_t room;  /* there are */
     bool pages;   /* nothing else is on its pages */
+    uint64_t *stamp; /* Nullable: (pieces of room) of an array that follows another; pieces with one stamp, at one place, are the same bytes */
 } header;
 
 /* From so many bytes on a block has room for an eighth more, at most, and may be kept. */
 static const size_t large = 1 << 18;
 
-enum { MOST_KEPT = 128 };
+/* The same for arrays that follow one another, which are compared by pieces. */
+static const size_t large_series = 1 << 14;
+
+enum { MOST_KEPT = 128, PIECE = 4096 };
 
 /* Blocks that were freed; the one that was freed last is the last. */
 static struct {
@@ -34,6 +38,7 @@ static struct {
 } kept = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static atomic_size_t in_use, peak;
+static atomic_uint_least64_t last_stamp;
 static atomic_llong calls_left = -1;
 
 static int fails_now(void)
@@ -50,18 +55,28 @@ static void count(size_t bytes)
     while (now > old && !atomic_compare_exchange_weak(&peak, &old, now)) {}
 }
 
-static header *header_of(void *block) { return (header *)((char *)block - ALIGNMENT); }
+static header *header_of(const void *block) { return (header *)((char *)(uintptr_t)block - ALIGNMENT); }
+
+static size_t pieces_of(size_t bytes) { return (bytes + PIECE - 1) / PIECE; }
+
+static uint64_t new_stamp(void) { return atomic_fetch_add(&last_stamp, 1) + 1; }
+
+static void give_back(header *block)
+{
+    free(block->stamp);
+    free(block->base);
+}
 
 /* ---- blocks that are kept */
 
 /* Large ones are of few sizes, so that one fits in the place of another; of their own where what is written behind a block is looked for. */
-static size_t room_for(size_t bytes)
+static size_t room_for(size_t bytes, bool series)
 {
     size_t step = 1;
 #ifdef __SANITIZE_ADDRESS__
     return bytes;
 #endif
-    if (bytes < large) return bytes;
+    if (bytes < (series ? large_series : large)) return bytes;
     while (bytes / step >= 16) step *= 2;
     return (bytes + step - 1) / step * step;
 }
@@ -81,7 +96,32 @@ static header *take_kept(size_t room)
     if (room < large) return NULL;
     pthread_mutex_lock(&kept.lock);
     for (int b = kept.count - 1; b >= 0 && !found; b--)
-        if (kept.block[b]->room == room) found = remove_kept(b);
+        if (kept.block[b]->room == room && !kept.block[b]->stamp) found = remove_kept(b);
+    pthread_mutex_unlock(&kept.lock);
+    return found;
+}
+
+static size_t count_alike(const header *a, const header *b, size_t pieces)
+{
+    size_t alike = 0;
+    for (size_t p = 0; p < pieces; p++) alike += a->stamp[p] == b->stamp[p];
+    return alike;
+}
+
+/* Of those that fit, the one that has most of another, Nullable, already. */
+static header *take_alike(const header *other, size_t room)
+{
+    int best = -1;
+    size_t most = 0;
+    pthread_mutex_lock(&kept.lock);
+    for (int b = kept.count - 1; b >= 0; b--) {
+        if (kept.block[b]->room != room || !kept.block[b]->stamp) continue;
+        const size_t alike = other && other->stamp ? count_alike(other, kept.block[b], pieces_of(room < other->room ? room : other->room)) : 0;
+        if (best >= 0 && alike <= most) continue;
+        best = b;
+        most = alike;
+    }
+    header *found = best < 0 ? NULL : remove_kept(best);
     pthread_mutex_unlock(&kept.lock);
     return found;
 }
@@ -89,12 +129,12 @@ static header *take_kept(size_t room)
 /* those that were freed first go first */
 static void release_above(int64_t bytes, int blocks)
 {
-    while (kept.count > 0 && ((int64_t)kept.bytes > bytes || kept.count > blocks)) free(remove_kept(0)->base);
+    while (kept.count > 0 && ((int64_t)kept.bytes > bytes || kept.count > blocks)) give_back(remove_kept(0));
 }
 
 static bool keep(header *block)
 {
-    if (block->room < large) return false;
+    if (block->room < (block->stamp ? large_series : large)) return false;
     pthread_mutex_lock(&kept.lock);
     const bool keeps = (int64_t)block->room <= kept.limit / 2;
     if (keeps) {
@@ -143,7 +183,7 @@ static bool may_be(size_t number, size_t size)
 
 static void *allocate(size_t bytes, bool clear)
 {
-    const size_t room = room_for(bytes);
+    const size_t room = room_for(bytes, false);
     header *block = take_kept(room);
     if (block && clear) memset((char *)block + ALIGNMENT, 0, bytes);
     if (!block && !(block = from_system(room, ALIGNMENT))) return NULL;
@@ -181,15 +221,89 @@ void *pliant_copy_of(const void *from, size_t number, size_t size)
     return made;
 }
 
+/* ---- arrays that follow one another */
+
+static void stamp_anew(header *block, size_t from, size_t to)
+{
+    const uint64_t stamp = new_stamp();
+    for (size_t p = from / PIECE; p < pieces_of(to); p++) block->stamp[p] = stamp;
+}
+
+/* The first bytes of another block, of which the pieces are copied that differ; and zeros behind them. */
+static void follow(header *block, const header *from, size_t kept_bytes)
+{
+    char *to = (char *)block + ALIGNMENT;
+    const char *of = (const char *)from + ALIGNMENT;
+    const bool all = kept_bytes == from->bytes;
+    for (size_t p = 0; p < pieces_of(kept_bytes); p++) {
+        const size_t first = p * PIECE, last = first + PIECE < kept_bytes ? first + PIECE : kept_bytes;
+        const uint64_t stamp = from->stamp && (all || last - first == PIECE) ? from->stamp[p] : 0;
+        if (stamp > 0 && block->stamp[p] == stamp) continue;
+        memcpy(to + first, of + first, last - first);
+        block->stamp[p] = stamp > 0 ? stamp : new_stamp();
+    }
+    if (block->bytes == kept_bytes) return;
+    memset(to + kept_bytes, 0, block->bytes - kept_bytes);
+    stamp_anew(block, kept_bytes, block->bytes);
+}
+
+static void *next_of(const header *from, size_t kept_bytes, size_t bytes)
+{
+    const size_t room = room_for(bytes, true);
+    header *block = take_alike(from, room);
+    if (!block) {
+        if (!(block = from_system(room, ALIGNMENT))) return NULL;
+        if (!(block->stamp = calloc(pieces_of(room), sizeof *block->stamp))) {
+            give_back(block);
+            return NULL;
+        }
+    }
+    block->bytes = bytes;
+    follow(block, from, kept_bytes);
+    count(bytes);
+    return (char *)block + ALIGNMENT;
+}
+
+void *pliant_next_of(const void *from, size_t kept_elements, size_t number, size_t size)
+{
+    if (number == 0) return pliant_calloc(1, size);
+    return may_be(number, size) ? next_of(header_of(from), kept_elements * size, number * size) : NULL;
+}
+
+void pliant_writes(void *array, size_t first, size_t number, size_t size)
+{
+    header *block = header_of(array);
+    if (block->stamp && number > 0) stamp_anew(block, first * size, (first + number) * size);
+}
+
+bool pliant_next_difference(const void *now, const void *before, size_t bytes, size_t *from, size_t *to)
+{
+    const header *is = header_of(now), *was = header_of(before);
+    size_t p = pieces_of(*to);
+    const size_t pieces = pieces_of(bytes);
+    for (bool in = false; p < pieces; p++) {
+        const size_t first = p * PIECE, last = first + PIECE < bytes ? first + PIECE : bytes;
+        const bool same = is->stamp && was->stamp ? is->stamp[p] == was->stamp[p] : memcmp((const char *)now + first, (const char *)before + first, last - first) == 0;
+        if (!same) *to = last;
+        if (!same && !in) *from = first;
+        if (same && in) return true;
+        in = in || !same;
+        if (in && p + 1 == pieces) return true;
+    }
+    return false;
+}
+
 /* longer or shorter where it is; false: there is no room */
 static bool stretch(header *block, size_t bytes)
 {
-    if (block->room < large || room_for(bytes) != block->room) return false;
+    if (block->room < (block->stamp ? large_series : large) || room_for(bytes, block->stamp != NULL) != block->room) return false;
     if (bytes > block->bytes) {
         memset((char *)block + ALIGNMENT + block->bytes, 0, bytes - block->bytes);
+        if (block->stamp) stamp_anew(block, block->bytes, bytes);
         count(bytes - block->bytes);
     } else {
         atomic_fetch_sub(&in_use, block->bytes - bytes);
+        if (block->stamp) stamp_anew(block, bytes, bytes);
     }
     block->bytes = bytes;
     return true;
@@ -202,10 +316,12 @@ void *pliant_resize(void *block, size_t number, size_t size)
     if (!block) return allocate(bytes, true);
     if (stretch(header_of(block), bytes)) return block;
     const size_t old = header_of(block)->bytes;
-    char *made = allocate(bytes, false);
+    char *made = header_of(block)->stamp ? next_of(header_of(block), old < bytes ? old : bytes, bytes) : allocate(bytes, false);
     if (!made) return NULL;
-    memcpy(made, block, old < bytes ? old : bytes);
-    if (bytes > old) memset(made + old, 0, bytes - old);
+    if (!header_of(block)->stamp) {
+        memcpy(made, block, old < bytes ? old : bytes);
+        if (bytes > old) memset(made + old, 0, bytes - old);
+    }
     pliant_free(block);
     return made;
 }
@@ -224,7 +340,7 @@ void pliant_free(void *block)
     if (!block) return;
     header *own = header_of(block);
     atomic_fetch_sub(&in_use, own->bytes);
-    if (!keep(own)) free(own->base);
+    if (!keep(own)) give_back(own);
 }
 
 size_t pliant_memory_in_use(void) { return atomic_load(&in_use); }

@@ -16,6 +16,16 @@ void *pliant_room(size_t count, size_t size);
 /* A copy of count elements; room for one where there are none. NULL: out of memory. */
 void *pliant_copy_of(const void *from, size_t count, size_t size);
 
+/* Arrays that follow one another, of which most stays the same: those of a body, of the next body, of what follows from them. An array of
+ * `number` elements whose first `kept` are those of another block of the library, zeros behind them; number 0: room for one. It lies where one of
+ * them lay that was freed, as far as there is one, and only what differs is copied. So who writes to such an array, but to what pliant_resize has
+ * added since, says where (pliant_writes; nothing happens with others), before anything else is made of it. NULL: out of memory. */
+void *pliant_next_of(const void *from, size_t kept, size_t number, size_t size);
+void pliant_writes(void *array, size_t first, size_t number, size_t size);
+/* The next bytes, from *from to before *to, of so many in which two blocks of the library may differ; to begin with, *to is 0. false: there are
+ * no more. */
+bool pliant_next_difference(const void *now, const void *before, size_t bytes, size_t *from, size_t *to);
+
 /* pliant_resize of the block that a pointer points to, array: its address. false: out of memory, and it is as it was. */
 bool pliant_grow(void *array, size_t count, size_t size);
 

@@ -28,12 +28,11 @@ static void free_body(pliant_body *body)
     pliant_mesh_free(&body->coarse);
     pliant_free(body->node_parent);
     pliant_free(body->tet_parent);
-    pliant_free(body->coarse_node_parent);
-    pliant_free(body->coarse_tet_parent);
     pliant_free(body->coarse_of_fine);
     pliant_free(body->fine_of_coarse);
     pliant_free(body->across);
     pliant_free(body->triangles);
+    pliant_free(body->outside);
     pliant_free(body->fine_material);
     pliant_free(body->coarse_material);
     pliant_free(body->node_mass);
@@ -44,11 +43,8 @@ static void free_body(pliant_body *body)
     pliant_subdivision_free(body->subdivision);
     pliant_pieces_free(body->pieces);
     pliant_free(body->changes.touched);
-    pliant_free(body->changes.touched_coarse);
     pliant_free(body->changes.node_source);
     pliant_free(body->changes.tet_source);
-    pliant_free(body->changes.coarse_node_source);
-    pliant_free(body->changes.coarse_tet_source);
     pliant_free(body->holders);
     pliant_free(body);
 }
@@ -82,6 +78,9 @@ void pliant_body_release(const pliant_body *body)
 bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
 
 /* *to: a copy of count elements; NULL stays NULL. false: no memory */
+/* an array, Nullable, to where a pointer to it is kept; false: no memory */
+typedef bool (*copying)(const void *from, size_t count, size_t size, void *to);
+
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
@@ -90,18 +89,35 @@ static bool copy(const void *from, size_t count, size_t size, void *to)
     return made != NULL;
 }
 
+/* what a cut changes in a few places, which it tells: room.h */
+static bool follow(const void *from, size_t count, size_t size, void *to)
+{
+    if (!from) return true;
+    void *made = pliant_next_of(from, count, count, size);
+    if (made) memcpy(to, &made, sizeof made);
+    return made != NULL;
+}
+
 /* all but the tables of the lattice, which are lent */
-static bool copy_mesh(const pliant_mesh *from, pliant_mesh *to)
+static bool copy_mesh(const pliant_mesh *from, copying how, pliant_mesh *to)
 {
     *to = *from; /* the sizes, and the tables */
     to->rest = NULL;
     to->tets = to->lattice_of_node = to->lattice_of_tet = NULL;
     to->place_of_node = NULL;
     const size_t nodes = (size_t)from->num_nodes, tets = (size_t)from->num_tets;
-    return copy(from->rest, nodes, 3 * sizeof *from->rest, &to->rest) && copy(from->tets, tets, 4 * sizeof *from->tets, &to->tets) &&
-           copy(from->lattice_of_node, nodes, sizeof *from->lattice_of_node, &to->lattice_of_node) &&
-           copy(from->lattice_of_tet, tets, sizeof *from->lattice_of_tet, &to->lattice_of_tet) &&
-           copy(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
+    return how(from->rest, nodes, 3 * sizeof *from->rest, &to->rest) && how(from->tets, tets, 4 * sizeof *from->tets, &to->tets) &&
+           how(from->lattice_of_node, nodes, sizeof *from->lattice_of_node, &to->lattice_of_node) &&
+           how(from->lattice_of_tet, tets, sizeof *from->lattice_of_tet, &to->lattice_of_tet) &&
+           how(from->place_of_node, nodes, sizeof *from->place_of_node, &to->place_of_node);
+}
+
+static bool copy_fine(const pliant_body *body, copying how, pliant_body *next)
+{
+    const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
+    return copy_mesh(&body->fine, how, &next->fine) && how(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
+           how(body->tet_parent, tets, sizeof *body->tet_parent, &next->tet_parent) &&
+           how(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material);
 }
 
 pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool with_cuts, pliant_body **out)
@@ -117,18 +133,11 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
     next->num_held_pieces = body->num_held_pieces;
     next->falls = body->falls;
     next->has_inertia = body->has_inertia;
-    next->cuts_open = body->cuts_open;
-    next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets,
-                                          .coarse_nodes_before = body->coarse.num_nodes, .coarse_tets_before = body->coarse.num_tets};
+    next->changes = (pliant_body_changes){.since = body->revision, .nodes_before = body->fine.num_nodes, .tets_before = body->fine.num_tets};
     next->lender = pliant_body_retain(body->lender ? body->lender : body);
-    bool good = copy_mesh(&body->fine, &next->fine) && copy_mesh(&body->coarse, &next->coarse) &&
-                copy(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
-                copy(body->tet_parent, tets, sizeof *body->tet_parent, &next->tet_parent) &&
-                copy(body->coarse_node_parent, coarse_nodes, sizeof *body->coarse_node_parent, &next->coarse_node_parent) &&
-                copy(body->coarse_tet_parent, coarse_tets, sizeof *body->coarse_tet_parent, &next->coarse_tet_parent) &&
+    bool good = copy_fine(body, with_cuts ? copy : follow, next) && copy_mesh(&body->coarse, copy, &next->coarse) &&
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
                 copy(body->fine_of_coarse, coarse_nodes, sizeof *body->fine_of_coarse, &next->fine_of_coarse) &&
-                copy(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
                 copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&
                 copy(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass) &&
                 copy(body->fine_fixed, nodes, sizeof *body->fine_fixed, &next->fine_fixed) &&
@@ -152,7 +161,8 @@ pliant_status pliant_body_next(const pliant_body *body, uint64_t revision, plian
     pliant_status status = pliant_body_begin(body, revision, true, &next);
     if (status != PLIANT_OK) return status;
     next->num_triangles = body->num_triangles;
-    if (!copy(body->across, (size_t)body->fine.num_tets, 4 * sizeof *body->across, &next->across) ||
+    if (!copy(body->outside, (size_t)body->num_triangles, sizeof *body->outside, &next->outside) ||
+        !copy(body->across, (size_t)body->fine.num_tets, 4 * sizeof *body->across, &next->across) ||
         !copy(body->triangles, (size_t)body->num_triangles, 3 * sizeof *body->triangles, &next->triangles)) {
         pliant_body_release(next);
         return pliant_fail_memory("the next body");

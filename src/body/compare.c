@@ -1,5 +1,6 @@
 /* Two bodies side by side: whether they differ, and what became of each part. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/body.h"
 #include "pliant/memory.h"
 
@@ -56,14 +57,16 @@ bool pliant_body_same(const pliant_body *a, const pliant_body *b)
 /* the number at load; NULL parents: each its own */
 static int32_t parent_of(const int32_t *parent, int32_t index) { return parent ? parent[index] : index; }
 
-/* Numbers stay. What was appended since takes after its source where `to` is the next of `from`, else after what it was at load.
+/* Numbers stay, of the next body all that there were. What was appended since takes after its source where `to` is the next of `from`, else after what it was at load.
  * rest_before, rest: of nodes, whose number stays only with the place; else NULL */
 static pliant_status list_sources(int32_t count, int32_t before, const int32_t *from_parent, const int32_t *to_parent, const int32_t *source,
-                                  const double *rest_before, const double *rest, int32_t **out)
+                                  const double *rest_before, const double *rest, bool next, int32_t **out)
 {
-    int32_t *list = *out = pliant_calloc((size_t)count, sizeof *list);
+    int32_t *list = *out = pliant_room((size_t)count, sizeof *list);
     if (!list) return pliant_fail_memory("what became of the body before");
-    for (int32_t i = 0; i < count; i++) {
+    const int32_t known = next ? before : 0;
+    for (int32_t i = 0; i < known; i++) list[i] = i;
+    for (int32_t i = known; i < count; i++) {
         bool kept = i < before && parent_of(from_parent, i) == parent_of(to_parent, i) &&
                     (!rest || memcmp(rest_before + 3 * (size_t)i, rest + 3 * (size_t)i, 3 * sizeof *rest) == 0);
         list[i] = kept ? i : source && i >= before ? source[i - before] : parent_of(to_parent, i);
@@ -105,15 +108,9 @@ pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body 
     bool next = changes->since == from->revision;
     pliant_body_map map = {0};
     pliant_status status = list_sources(to->fine.num_nodes, from->fine.num_nodes, from->node_parent, to->node_parent,
-                                        next ? changes->node_source : NULL, from->fine.rest, to->fine.rest, &map.node);
+                                        next ? changes->node_source : NULL, from->fine.rest, to->fine.rest, next, &map.node);
     if (status == PLIANT_OK)
-        status = list_sources(to->fine.num_tets, from->fine.num_tets, from->tet_parent, to->tet_parent, next ? changes->tet_source : NULL, NULL, NULL, &map.tet);
-    if (status == PLIANT_OK && to->coarse.num_nodes > 0)
-        status = list_sources(to->coarse.num_nodes, from->coarse.num_nodes, from->coarse_node_parent, to->coarse_node_parent,
-                              next ? changes->coarse_node_source : NULL, NULL, NULL, &map.coarse_node);
-    if (status == PLIANT_OK && to->coarse.num_nodes > 0)
-        status = list_sources(to->coarse.num_tets, from->coarse.num_tets, from->coarse_tet_parent, to->coarse_tet_parent,
-                              next ? changes->coarse_tet_source : NULL, NULL, NULL, &map.coarse_tet);
+        status = list_sources(to->fine.num_tets, from->fine.num_tets, from->tet_parent, to->tet_parent, next ? changes->tet_source : NULL, NULL, NULL, next, &map.tet);
     map.num_nodes = to->fine.num_nodes;
     if (status == PLIANT_OK && to->subdivision && to->fine.num_nodes > to->subdivision->load_nodes) status = list_between(from, to, &map);
     if (status != PLIANT_OK) {
@@ -128,8 +125,6 @@ void pliant_body_map_free(pliant_body_map *map)
 {
     pliant_free(map->node);
     pliant_free(map->tet);
-    pliant_free(map->coarse_node);
-    pliant_free(map->coarse_tet);
     pliant_free(map->between);
     memset(map, 0, sizeof *map);
 }

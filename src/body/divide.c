@@ -238,11 +238,15 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     for (int32_t r = 0; r < count_rows(body, division); r++) {
         const int32_t tet = tet_of_row(body, division, r);
         memcpy(next->fine.tets + 4 * (size_t)tet, division->corners + 4 * (size_t)r, 4 * sizeof *division->corners);
-        if (division->material) next->fine_material[tet] = division->material[r];
+        pliant_writes(next->fine.tets, 4 * (size_t)tet, 4, sizeof *division->corners);
+        if (!division->material) continue;
+        next->fine_material[tet] = division->material[r];
+        pliant_writes(next->fine_material, (size_t)tet, 1, sizeof *division->material);
     }
+    body_faces other = {false, 0, 0, NULL};
     const bool pieces = body->pieces || !division->same_pieces; /* may get nodes of their own */
     status = list_touched(body, division, !division->changed, next);
-    if (status == PLIANT_OK) status = pliant_body_find_across(body, division->cuts, next);
+    if (status == PLIANT_OK) status = pliant_body_find_across(body, division->cuts, next, &other);
     if (status == PLIANT_OK && pieces) status = pliant_body_find_pieces(next, division);
     if (status == PLIANT_OK && pieces) {
         pliant_free(next->changes.touched);
@@ -250,9 +254,9 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
         status = list_touched(body, division, true, next);
     }
     if (status == PLIANT_OK) status = renew_masses(body, division->cuts, next);
-    if (status != PLIANT_OK) return status;
-    status = pliant_mesh_surface_of(&next->fine, next->across, &next->triangles, &next->num_triangles);
-    return status == PLIANT_OK && next->coarse.num_tets > 0 ? pliant_body_nest(body, next) : status;
+    if (status == PLIANT_OK) status = pliant_body_find_surface(body, next, &other);
+    pliant_free(other.face);
+    return status;
 }
 
 pliant_status pliant_body_divide(const pliant_body *body, uint64_t revision, const pliant_division *division, pliant_body **out)

@@ -4,6 +4,7 @@
 
 #include "base/fail.h"
 #include "base/pairs.h"
+#include "base/room.h"
 #include "mesh/faces.h"
 #include "pliant/memory.h"
 
@@ -101,7 +102,10 @@ static pliant_status part_hinges(search *work)
     }
     pliant_status status = pliant_body_append_nodes(work->next, work->num_hinges, work->hinge);
     for (int32_t v = 0; status == PLIANT_OK && v < 4 * fine->num_tets; v++)
-        if (work->loose[v / 4] && work->copy[fine->tets[v]] >= 0) fine->tets[v] = work->copy[fine->tets[v]];
+        if (work->loose[v / 4] && work->copy[fine->tets[v]] >= 0) {
+            fine->tets[v] = work->copy[fine->tets[v]];
+            pliant_writes(fine->tets, (size_t)v, 1, sizeof *fine->tets);
+        }
     return status;
 }
 

@@ -76,8 +76,8 @@ static uint8_t side_of(const box *around, const double x[3], const double last[3
     uint8_t side = 0;
     for (int d = 0; d < 3; d++) {
         const double next = 2 * x[d] - last[d];
-        side |= (uint8_t)((fmax(x[d], next) < around->low[d]) << (2 * d));
-        side |= (uint8_t)((fmin(x[d], next) > around->high[d]) << (2 * d + 1));
+        side |= (uint8_t)((x[d] < around->low[d] && next < around->low[d]) << (2 * d));
+        side |= (uint8_t)((x[d] > around->high[d] && next > around->high[d]) << (2 * d + 1));
     }
     return side;
 }

@@ -209,6 +209,8 @@ static bool meet(const pliant_search *on, pliant_feature *of, int32_t p, double 
         pliant_pose_turn_back(pose, of->outwards, normal);
         for (int d = 0; d < 3; d++) normal[d] /= -area;
         pliant_part_leave(part->part, local, normal, place);
+    } else if (distance < 0) {
+        pliant_part_leave(part->part, local, normal, place);
     } else
         for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
     pliant_pose_turn(pose, normal, world);
@@ -276,11 +278,23 @@ static void look(const pliant_search *on, pliant_feature *of)
     if (of->count > 1 && !of->touches) of->gap = INFINITY;
 }
 
-/* an edge or a triangle touches where it is deeper than what borders it */
+/* Whether one of its points pushed in the last step */
+static bool has_pressed(const pliant_search *on, const pliant_feature *of)
+{
+    const pliant_finder *finder = on->finder;
+    uint64_t key = on->part_key << 56 | of->key;
+    for (int n = 0; on->part->remembers && n < PLIANT_FEATURE_POINTS && finder->num_kept > 0; n++, key++) {
+        const pliant_kept_point *found = bsearch(&key, finder->kept, (size_t)finder->num_kept, sizeof *finder->kept, pliant_compare_keys);
+        if (found && found->pressed) return true;
+    }
+    return false;
+}
+
+/* An edge or a triangle touches where it is deeper than what borders it; one that has pushed goes on until it is higher. */
 static void keep_if_deeper(const pliant_search *on, pliant_feature *of, double gap, double size)
 {
     const double sag = fmin(fmin(sag_of_size * size, sag_of_depth * pliant_part_depth(on->part->part)), most_sag);
-    of->touches = of->touches && of->gap < gap - sag;
+    of->touches = of->touches && of->gap < gap + (has_pressed(on, of) ? sag : -sag);
     if (!of->touches) of->gap = INFINITY;
 }
 

@@ -32,6 +32,9 @@ void pliant_finder_free(pliant_finder *finder);          /* Nullable */
 /* Sides are forgotten, and how the tissue moved. */
 void pliant_finder_forget(pliant_finder *finder);
 
+/* Points of the last step, ascending by feature, with the forces that were found for them. */
+void pliant_finder_tell(pliant_finder *finder, const pliant_contacts *contacts);
+
 /* What is known of the step before, of the same body. Errors: MEMORY (nothing changed) */
 pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to);
 

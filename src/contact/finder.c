@@ -38,6 +38,15 @@ void pliant_finder_forget(pliant_finder *finder)
     finder->broad.knows_last = false;
 }
 
+void pliant_finder_tell(pliant_finder *finder, const pliant_contacts *contacts)
+{
+    int32_t c = 0;
+    for (int32_t k = 0; k < finder->num_kept; k++) {
+        while (c < contacts->count && contacts->point[c].feature < finder->kept[k].feature) c++;
+        finder->kept[k].pressed = c < contacts->count && contacts->point[c].feature == finder->kept[k].feature && contacts->point[c].begun;
+    }
+}
+
 pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to)
 {
     if (from->num_sides > to->room_sides) {

@@ -26,6 +26,7 @@ typedef struct pliant_kept_point {
     int32_t count, node[3];
     double weight[3], normal[3], place[3], area;
     double found[3]; /* its normal when it was found, not in the part's frame */
+    bool pressed;    /* a force was found for it */
 } pliant_kept_point;
 
 /* Which side of a part a node is on: the normal of their last contact, in the part's frame. */

@@ -2,83 +2,141 @@
  * M. Macklin, K. Erleben, M. Mueller, N. Chentanez, S. Jeschke, Z. Corse: Local Optimization for Robust Signed Distance Field Collision,
  * Proc. ACM Comput. Graph. Interact. Tech. 3(1), 2020. The distance is convex where the part is; a line's minimum is then where its slope
  * changes sign, which takes fewer evaluations than golden section. Of a solid that is not convex an edge or a triangle is halved first, as long as
- * a part of it may lie lower than what was found: a distance changes by at most what one goes (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). */
+ * a part of it may lie lower than what was found: a distance changes by at most what one goes (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). Of a
+ * ball it is the point that is nearest to its middle. */
 #include "contact/shapes.h"
+#include "contact/solid.h"
 
 #include <math.h>
 #include <string.h>
 
-static const double exact = 1e-4; /* of an edge's length */
+static const double exact = 1e-4; /* of an edge's length, and of a weight */
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static double apart(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
+/* Of a convex function of a share of some way: what it is at a share, and how the part lies there. */
+typedef struct sample { double share, value, slope, normal[3]; } sample;
+
+/* Its least value lies between two samples, where the slope is below 0 and above. */
+typedef struct turn {
+    sample low, high;
+    double weight[2]; /* slopes, as Illinois' rule has them */
+    double tight;     /* so near to the least is near enough [m] */
+    int side, step;
+} turn;
+
+static turn turn_between(const sample *low, const sample *high, double tight)
+{
+    return (turn){.low = *low, .high = *high, .weight = {low->slope, high->slope}, .tight = tight};
+}
+
+/* Where to look next: where the two tangents meet, which ends on a part's edge at once, and by turns false position with Illinois' rule (Dowell and
+ * Jarratt, BIT 11:168, 1971), which does where the part is smooth. false: no value is lower by more than what is near enough, since tangents lie below. */
+static bool turn_goes_on(turn *of, double *share)
+{
+    enum { MOST_STEPS = 40 };
+    const sample *low = &of->low, *high = &of->high;
+    const double way = high->share - low->share, meet = (high->value - low->value - high->slope * way) / (low->slope - high->slope);
+    if (of->step == MOST_STEPS || fmin(low->value, high->value) - (low->value + low->slope * meet) <= of->tight) return false;
+    const double put = of->step++ % 2 ? -of->weight[0] * way / (of->weight[1] - of->weight[0]) : meet;
+    *share = low->share + (put > 0 && put < way ? put : 0.5 * way);
+    return *share > low->share && *share < high->share;
+}
+
+static void turn_take(turn *of, const sample *one)
+{
+    const int side = one->slope > 0;
+    *(side ? &of->high : &of->low) = *one;
+    of->weight[side] = one->slope;
+    if (of->side == (side ? 1 : -1)) of->weight[!side] *= 0.5;
+    of->side = side ? 1 : -1;
+}
+
+/* The lower end. normal: of those on both sides together what has no slope along the way, shorter than 1 where the part has an edge there */
+static sample turn_end(const turn *of)
+{
+    sample out = of->low.value <= of->high.value ? of->low : of->high;
+    for (int d = 0; d < 3; d++)
+        out.normal[d] = (of->high.slope * of->low.normal[d] - of->low.slope * of->high.normal[d]) / (of->high.slope - of->low.slope);
+    return out;
+}
+
+/* Where all of a way is as deep, its middle counts: so little deeper that nothing else is changed, and that where a part lies flat hangs on no rounding. */
 typedef struct line {
     const pliant_part *part;
     double from[3], along[3];
+    double bend, middle; /* value: the distance, and bend times the square of how far the share is from the middle [m] */
 } line;
 
-/* distance at a share of the line, its slope there, and the normal */
-static double evaluate(const line *on, double share, double *slope, double normal[3])
+static sample look_on(const line *on, double share)
 {
-    const double p[3] = {on->from[0] + share * on->along[0], on->from[1] + share * on->along[1], on->from[2] + share * on->along[2]};
-    const double distance = pliant_part_distance(on->part, p, normal);
-    *slope = dot(normal, on->along);
-    return distance;
+    const double p[3] = {on->from[0] + share * on->along[0], on->from[1] + share * on->along[1], on->from[2] + share * on->along[2]}, off = share - on->middle;
+    sample out = {.share = share};
+    out.value = pliant_part_distance(on->part, p, out.normal) + on->bend * off * off;
+    out.slope = dot(out.normal, on->along) + 2 * on->bend * off;
+    return out;
 }
 
-/* Between 0, where the slope is below 0, and `high`, where it is above: false position with Illinois' rule (Dowell and Jarratt, BIT 11:168, 1971),
- * by halves where it has come little further. */
-static double find_turn(const line *on, double slope_low, double high, double slope_high, double normal[3], double *at)
+static sample find_turn(const line *on, const sample *low, const sample *high, double tight)
 {
-    enum { MOST_STEPS = 40 };
-    double low = 0, distance = 0, weight_low = slope_low, weight_high = slope_high;
-    const double end = high;
-    int side = 0;
-    for (int step = 0; step < MOST_STEPS; step++) {
-        double slope, share = step % 4 == 3 ? 0.5 * (low + high) : low - weight_low * (high - low) / (weight_high - weight_low);
-        distance = evaluate(on, share, &slope, normal);
-        *at = share;
-        if (high - low <= exact * end || slope == 0) break;
-        if (slope < 0) {
-            low = share;
-            weight_low = slope;
-            weight_high *= side < 0 ? 0.5 : 1;
-            side = -1;
-        } else {
-            high = share;
-            weight_high = slope;
-            weight_low *= side > 0 ? 0.5 : 1;
-            side = 1;
-        }
+    turn between = turn_between(low, high, tight);
+    double share;
+    while (turn_goes_on(&between, &share)) {
+        const sample one = look_on(on, share);
+        turn_take(&between, &one);
     }
-    return distance;
+    return turn_end(&between);
 }
 
-static double descend_edge(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
+/* a unit vector; 0 where it points nowhere */
+static void finish(double normal[3])
 {
-    line on = {.part = part};
-    double normals[2][3], slope[2], distance[2], share = 0;
+    const double least = 0.1, length = sqrt(dot(normal, normal));
+    for (int d = 0; d < 3; d++) normal[d] = length > least ? normal[d] / length : 0;
+}
+
+static double bend_of(double length)
+{
+    const double bend = 1e-4; /* of a length */
+    return bend * length;
+}
+
+static double tight_of(double length)
+{
+    const double tight = 1e-10; /* of a length; where the part is smooth, a place is as near as the root of that */
+    return tight * length;
+}
+
+/* The least value on an edge: of its ends, if not between them. bend: of its value [m]; enough: a bound above that is all that is asked for */
+static sample descend(const pliant_part *part, const double at[2][3], double bend, double enough)
+{
+    line on = {.part = part, .bend = bend, .middle = 0.5};
+    const double length = apart(at[0], at[1]);
     for (int d = 0; d < 3; d++) {
         on.from[d] = at[0][d];
         on.along[d] = at[1][d] - at[0][d];
     }
-    for (int end = 0; end < 2; end++) distance[end] = evaluate(&on, end, &slope[end], normals[end]);
-    const double bound = 0.5 * (distance[0] + distance[1] - apart(at[0], at[1])); /* a distance changes by at most what one goes */
-    if (bound > enough) return bound;
-    if (slope[0] < 0 && slope[1] > 0) {
-        const double least = find_turn(&on, slope[0], 1, slope[1], normal, &share);
-        if (least < fmin(distance[0], distance[1])) {
-            weight[0] = 1 - share;
-            weight[1] = share;
-            return least;
-        }
+    const sample low = look_on(&on, 0), high = look_on(&on, 1);
+    sample bound = {.share = -1, .value = 0.5 * (low.value + high.value - length) - bend}; /* a distance changes by at most what one goes */
+    if (bound.value > enough) return bound;
+    if (low.slope < 0 && high.slope > 0) {
+        const sample least = find_turn(&on, &low, &high, tight_of(length));
+        if (least.share > 0 && least.share < 1 && least.value <= fmin(low.value, high.value)) return least;
     }
-    const int end = distance[1] < distance[0];
-    weight[0] = !end;
-    weight[1] = end;
-    memcpy(normal, normals[end], 3 * sizeof *normal);
-    return distance[end];
+    return high.value < low.value ? high : low;
+}
+
+static double descend_edge(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
+{
+    const double bend = bend_of(apart(at[0], at[1]));
+    const sample least = descend(part, at, bend, enough);
+    if (least.share < 0) return least.value;
+    weight[0] = 1 - least.share;
+    weight[1] = least.share;
+    memcpy(normal, least.normal, sizeof least.normal);
+    if (least.share > 0 && least.share < 1) finish(normal);
+    return least.value - bend * (least.share - 0.5) * (least.share - 0.5);
 }
 
 static void mix(const double at[3][3], const double weight[3], double out[3])
@@ -86,43 +144,82 @@ static void mix(const double at[3][3], const double weight[3], double out[3])
     for (int d = 0; d < 3; d++) out[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
 }
 
-/* least distance on a line beside the first edge, at a share of the way to the third corner */
-static double across(const pliant_part *part, const double at[3][3], double share, double weight[3], double normal[3])
+/* A triangle as lines beside its first edge, each at a share of the way to the third corner. */
+typedef struct lines {
+    const pliant_part *part;
+    const double (*at)[3];
+    double bend; /* of the first edge */
+} lines;
+
+/* Least value on one of them; its slope over the lines by the theorem of the envelope: that of the point where it is. share_along: where on the line */
+static sample across(const lines *on, double share, double *share_along)
 {
-    double ends[2][3], along[2];
+    const double third = 1.0 / 3;
+    double ends[2][3];
     for (int d = 0; d < 3; d++) {
-        ends[0][d] = at[0][d] + share * (at[2][d] - at[0][d]);
-        ends[1][d] = at[1][d] + share * (at[2][d] - at[1][d]);
+        ends[0][d] = on->at[0][d] + share * (on->at[2][d] - on->at[0][d]);
+        ends[1][d] = on->at[1][d] + share * (on->at[2][d] - on->at[1][d]);
     }
-    const double distance = descend_edge(part, (const double(*)[3])ends, INFINITY, along, normal);
-    weight[0] = along[0] * (1 - share);
-    weight[1] = along[1] * (1 - share);
-    weight[2] = share;
-    return distance;
+    sample out = descend(on->part, (const double(*)[3])ends, on->bend, INFINITY);
+    double towards[2] = {0, 0}, slope;
+    for (int k = 0; k < 2; k++)
+        for (int d = 0; d < 3; d++) towards[k] += out.normal[d] * (on->at[2][d] - on->at[k][d]);
+    slope = share < 1 ? (1 - out.share) * towards[0] + out.share * towards[1] : fmax(towards[0], towards[1]);
+    *share_along = out.share;
+    out.share = share;
+    out.value += on->bend * (share - third) * (share - third);
+    out.slope = slope + 2 * on->bend * (share - third);
+    return out;
 }
 
-/* Golden section over those lines, of which the least distance is convex, too: where the distance has ridges inside a part, slopes lead nowhere. */
+/* The least value over those lines is convex over them, too. A distance that has edges inside a part is met with by no descent along its slopes. */
 static double search_lines(const pliant_part *part, const double at[3][3], double weight[3], double normal[3])
 {
-    const double golden = 0.6180339887498949;
-    double low = 0, high = 1, a = 1 - golden, b = golden, of_a = across(part, at, a, weight, normal), of_b = across(part, at, b, weight, normal);
-    while (high - low > exact) {
-        if (of_a < of_b) {
-            high = b;
-            b = a;
-            of_b = of_a;
-            a = high - golden * (high - low);
-            of_a = across(part, at, a, weight, normal);
-        } else {
-            low = a;
-            a = b;
-            of_a = of_b;
-            b = low + golden * (high - low);
-            of_b = across(part, at, b, weight, normal);
+    const double length = apart(at[0], at[1]);
+    const lines on = {.part = part, .at = at, .bend = bend_of(length)};
+    double along[2], share, place[3], own[3];
+    const sample low = across(&on, 0, along), high = across(&on, 1, along + 1);
+    sample least = low.slope >= 0 ? low : high;
+    if (low.slope < 0 && high.slope > 0) {
+        turn between = turn_between(&low, &high, tight_of(length));
+        while (turn_goes_on(&between, &share)) {
+            double here;
+            const sample one = across(&on, share, &here);
+            along[one.slope > 0] = here;
+            turn_take(&between, &one);
         }
-    }
-    return across(part, at, 0.5 * (low + high), weight, normal);
+        least = turn_end(&between);
+        along[0] = between.low.value <= between.high.value ? along[0] : along[1];
+    } else if (low.slope < 0) along[0] = along[1];
+    weight[0] = (1 - along[0]) * (1 - least.share);
+    weight[1] = along[0] * (1 - least.share);
+    weight[2] = least.share;
+    memcpy(normal, least.normal, sizeof least.normal);
+    mix(at, weight, place);
+    return pliant_part_distance(part, place, own);
 }
+
+/* Inside a triangle the way out is its own normal, as across an edge's inside: of a convex function there is a subgradient at the minimum that
+ * is normal to what it is the minimum of (Rockafellar, Convex Analysis, 1970, theorem 27.4); one of a part's faces beside a corner is not. */
+static void turn_to_triangle(const double at[3][3], const double weight[3], double normal[3])
+{
+    double a[3], b[3], own[3];
+    if (!(weight[0] > exact && weight[1] > exact && weight[2] > exact)) {
+        finish(normal);
+        return;
+    }
+    for (int d = 0; d < 3; d++) {
+        a[d] = at[1][d] - at[0][d];
+        b[d] = at[2][d] - at[0][d];
+    }
+    for (int d = 0; d < 3; d++) own[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+    const double size = sqrt(dot(own, own)), along = size > 0 ? dot(own, normal) / size : 0;
+    for (int d = 0; d < 3; d++) normal[d] = size > 0 ? along * own[d] / size : normal[d];
+    finish(normal);
+}
+
+/* Whether its distance, inside, has edges: where they are, slopes lead nowhere. */
+static bool has_edges(const pliant_part *part) { return part->kind == PLIANT_PART_BOX || (part->kind == PLIANT_PART_SOLID && pliant_part_grain(part) == 0); }
 
 /* Frank and Wolfe's method, in pairs: weight goes from the corner that is uphill most to the one that is downhill most (Lacoste-Julien and Jaggi,
  * On the Global Linear Convergence of Frank-Wolfe Optimization Variants, 2015). */
@@ -136,8 +233,8 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
     double distance = pliant_part_distance(part, here, gradient);
     const double size = fmax(fmax(apart(at[0], here), apart(at[1], here)), apart(at[2], here));
     if (distance - size > enough) return distance - size;
-    for (int step = 0; step < MOST_STEPS && !settled; step++) {
-        double slope[3], mean = 0, end_slope, end_normal[3], taken;
+    for (int step = 0; step < MOST_STEPS && !settled && !has_edges(part); step++) {
+        double slope[3], mean = 0;
         int best = 0, worst = -1;
         for (int k = 0; k < 3; k++) {
             slope[k] = dot(gradient, at[k]);
@@ -149,18 +246,18 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
         if (settled || worst == best) break;
         mix(at, share, on.from);
         for (int d = 0; d < 3; d++) on.along[d] = share[worst] * (at[best][d] - at[worst][d]);
-        const double end = evaluate(&on, 1, &end_slope, end_normal);
-        if (end_slope <= 0) {
-            taken = 1;
-            distance = end;
-            memcpy(gradient, end_normal, sizeof gradient);
-        } else distance = find_turn(&on, share[worst] * (slope[best] - slope[worst]), 1, end_slope, gradient, &taken);
-        share[best] += taken * share[worst];
-        share[worst] = taken == 1 ? 0 : share[worst] * (1 - taken);
+        sample one = look_on(&on, 1), begin = {.value = distance, .slope = share[worst] * (slope[best] - slope[worst])};
+        memcpy(begin.normal, gradient, sizeof gradient);
+        if (one.slope > 0) one = find_turn(&on, &begin, &one, tight_of(size));
+        distance = one.value;
+        memcpy(gradient, one.normal, sizeof gradient);
+        share[best] += one.share * share[worst];
+        share[worst] = one.share == 1 ? 0 : share[worst] * (1 - one.share);
     }
-    if (!settled) return search_lines(part, at, weight, normal);
+    if (!settled) distance = search_lines(part, at, share, gradient);
     memcpy(weight, share, sizeof share);
     memcpy(normal, gradient, sizeof gradient);
+    turn_to_triangle(at, share, normal);
     return distance;
 }
 
@@ -276,14 +373,40 @@ static double search(const pliant_part *part, const double (*at)[3], int corners
     return pliant_part_distance(part, place[0], normal);
 }
 
+/* ---- balls */
+
+static double nearest_on_edge(const pliant_part *ball, const double at[2][3], double weight[2], double normal[3])
+{
+    double along[3], to[3], place[3];
+    for (int d = 0; d < 3; d++) {
+        along[d] = at[1][d] - at[0][d];
+        to[d] = ball->from[d] - at[0][d];
+    }
+    const double size = dot(along, along), share = size > 0 ? dot(to, along) / size : 0;
+    weight[1] = share > 0 ? (share < 1 ? share : 1) : 0;
+    weight[0] = 1 - weight[1];
+    for (int d = 0; d < 3; d++) place[d] = weight[0] * at[0][d] + weight[1] * at[1][d];
+    return pliant_part_distance(ball, place, normal);
+}
+
+static double nearest_on_face(const pliant_part *ball, const double at[3][3], double weight[3], double normal[3])
+{
+    double place[3];
+    pliant_triangle_nearest_weights(at[0], at[1], at[2], ball->from, weight);
+    mix(at, weight, place);
+    return pliant_part_distance(ball, place, normal);
+}
+
 /* ---- all */
 
 double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3])
 {
+    if (part->kind == PLIANT_PART_SPHERE) return nearest_on_edge(part, at, weight, normal);
     return pliant_part_grain(part) > 0 ? search(part, at, 2, enough, weight, normal) : descend_edge(part, at, enough, weight, normal);
 }
 
 double pliant_face_minimum(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
 {
+    if (part->kind == PLIANT_PART_SPHERE) return nearest_on_face(part, at, weight, normal);
     return pliant_part_grain(part) > 0 ? search(part, at, 3, enough, weight, normal) : descend_face(part, at, enough, weight, normal);
 }

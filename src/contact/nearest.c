@@ -153,7 +153,7 @@ void pliant_triangle_tree_free(pliant_triangle_tree *tree)
 /* ---- the nearest */
 
 /* By the regions of corners, edges and the inside: C. Ericson, Real-Time Collision Detection, 2005, 5.1.5. */
-void pliant_triangle_nearest(const double a[3], const double b[3], const double c[3], const double p[3], double out[3])
+void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3], double out[3])
 {
     double ab[3], ac[3], ap[3], bp[3], cp[3], v = 0, w = 0;
     for (int d = 0; d < 3; d++) {
@@ -178,7 +178,16 @@ void pliant_triangle_nearest(const double a[3], const double b[3], const double 
         v = of_b / whole;
         w = of_c / whole;
     }
-    for (int d = 0; d < 3; d++) out[d] = a[d] + v * ab[d] + w * ac[d];
+    out[0] = fmax(1 - v - w, 0);
+    out[1] = v;
+    out[2] = w;
+}
+
+void pliant_triangle_nearest(const double a[3], const double b[3], const double c[3], const double p[3], double out[3])
+{
+    double weight[3];
+    pliant_triangle_nearest_weights(a, b, c, p, weight);
+    for (int d = 0; d < 3; d++) out[d] = a[d] + weight[1] * (b[d] - a[d]) + weight[2] * (c[d] - a[d]);
 }
 
 static double square_from(const tree_box *box, const double p[3])

@@ -8,6 +8,7 @@
 
 static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
 static const double farthest = 1;   /* of the shortest edge of a cube */
+static const double almost_none = 1e-5; /* of an element is tissue, or is not */
 static const double half = 0.5;     /* of a tetrahedron is tissue; of what is around a point */
 
 static pliant_status no_memory(void) { return pliant_fail_memory("contacts"); }
@@ -129,6 +130,18 @@ static double way_to_tissue(const pliant_outside_voxels *voxels, const double at
     return 0;
 }
 
+/* (nodes) whether tissue ends within an element there: where all are full or empty it ends with them. NULL: no memory */
+static uint8_t *parted_by(const pliant_body *load)
+{
+    const pliant_mesh *mesh = &load->fine;
+    uint8_t *parted = pliant_calloc((size_t)mesh->num_nodes, 1);
+    for (int32_t v = 0; parted && v < 4 * mesh->num_tets; v++) {
+        const double tissue = load->fine_material[v / 4].tissue;
+        if (tissue > almost_none && tissue < 1 - almost_none) parted[mesh->tets[v]] = 1;
+    }
+    return parted;
+}
+
 /* (nodes x 3) normals of the surface at its nodes, 0 elsewhere; NULL: no memory */
 static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t *triangles)
 {
@@ -151,19 +164,21 @@ static pliant_status find_corners(pliant_outside *outside, const pliant_outside_
     const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
     int32_t count = 0, *triangles = triangles_of(voxels->load, outside->solid_at_load, &count);
     double *normal = triangles ? normals_of(mesh, count, triangles) : NULL;
+    uint8_t *parted = normal ? parted_by(voxels->load) : NULL;
     outside->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->tet_at_load);
     outside->share = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->share);
-    const bool good = normal && outside->tet_at_load && outside->share;
+    const bool good = parted && outside->tet_at_load && outside->share;
     for (int32_t n = 0; good && n < mesh->num_nodes; n++) {
         const double *x = normal + 3 * (size_t)n, length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
         double unit[3], at[3];
         outside->tet_at_load[n] = -1;
-        if (!(length > 0)) continue;
+        if (!parted[n] || !(length > 0)) continue;
         for (int d = 0; d < 3; d++) unit[d] = x[d] / length;
         const double way = way_to_tissue(voxels, mesh->rest + 3 * n, unit, reach);
         for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + way * unit[d];
         if (way != 0) outside->tet_at_load[n] = pliant_mesh_locate(mesh, at, outside->share[n]);
     }
+    pliant_free(parted);
     pliant_free(normal);
     pliant_free(triangles);
     return good ? PLIANT_OK : no_memory();
@@ -244,11 +259,19 @@ static void add_weight(pliant_contact_point *point, int32_t node, double weight)
     point->weight[k] += weight;
 }
 
+static bool has_corner(const pliant_outside *outside, const pliant_contact_point *point)
+{
+    bool any = false;
+    for (int32_t k = 0; k < point->count; k++) any = any || outside->tet[point->node[k]] >= 0;
+    return any;
+}
+
 void pliant_outside_spread(const pliant_outside *outside, pliant_contacts *contacts)
 {
     for (int32_t p = 0; p < contacts->count; p++) {
         pliant_contact_point *point = contacts->point + p;
         const pliant_contact_point was = *point;
+        if (!has_corner(outside, point)) continue;
         point->count = 0;
         for (int32_t k = 0; k < was.count; k++) {
             const int32_t tet = outside->tet[was.node[k]];

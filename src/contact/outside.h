@@ -1,7 +1,8 @@
-/* Where tissue ends in a mesh of cubes, whose outside lies up to a cube away from it and hardly holds anything: what touches is to meet the tissue.
+/* Where tissue ends within the mesh, whose outside lies up to a cube away from it and hardly holds anything: what touches is to meet the tissue.
  *
  * The surface that touches is that of tetrahedra which tissue fills at least half (and, where it fills none around, of those that it fills less); its corners
- * are moved along the surface's normal to where the voxels' tissue ends, no further than a cube. There they are points of a tetrahedron, and go with it; a
+ * are moved along the surface's normal to where the voxels' tissue ends, no further than a cube,
+ * unless the elements around are full or empty. There they are points of a tetrahedron, and go with it; a
  * contact found there pushes at that one's nodes. */
 #ifndef PLIANT_CONTACT_OUTSIDE_H
 #define PLIANT_CONTACT_OUTSIDE_H

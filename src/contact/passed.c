@@ -109,9 +109,8 @@ static void look(const pliant_search *on, pliant_feature *of)
     pliant_pose_from(end, point, local);
     if (beyond || nowhere || pliant_search_misleads(on, distance, dot(normal, met))) {
         memcpy(normal, met, sizeof normal);
-        if (!beyond) pliant_part_leave(part->part, local, normal, place);
-    } else
-        for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
+    }
+    if (!beyond) pliant_part_leave(part->part, local, normal, place);
     const double rest = find_rest(on, of);
     pliant_pose_turn(end, normal, of->normal);
     memcpy(of->found, of->normal, sizeof of->found);

@@ -39,7 +39,7 @@ void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, c
 void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double low[3], double high[3]);
 
 /* Where its distance is least on an edge or a triangle, in the part's frame. Distances above `enough` need no minimum: a lower bound of it is
- * returned then, and nothing is written.
+ * returned then, and what is written means nothing.
  * @param at     corners; @param weight of them, at the minimum
  * @param normal as of pliant_part_distance */
 double pliant_edge_minimum(const pliant_part *part, const double at[2][3], double enough, double weight[2], double normal[3]);

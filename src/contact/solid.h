@@ -38,6 +38,7 @@ double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const dou
 /* How many times the surface goes round a point: 1 inside, 0 outside. */
 double pliant_triangle_tree_winding(const pliant_triangle_tree *tree, const double p[3]);
 /* The point of a triangle that is nearest to p. */
+void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3], double out[3]); /* of its corners */
 void pliant_triangle_nearest(const double a[3], const double b[3], const double c[3], const double p[3], double out[3]);
 
 /* ---- hull.c */

@@ -139,9 +139,8 @@ static pliant_status tell_nodes(const finding *on, pliant_contacts *out)
             point->weight[0] = 1;
             point->count = 1;
             for (int v = 0; v < 3; v++) {
-                const double weight = fmax(list[k].weight[v], 0) / (fmax(list[k].weight[0], 0) + fmax(list[k].weight[1], 0) + fmax(list[k].weight[2], 0));
                 point->node[point->count] = skin->node[v];
-                point->weight[point->count++] = -weight;
+                point->weight[point->count++] = -list[k].weight[v];
             }
             memcpy(point->normal, tissue->normal[list[k].skin], sizeof point->normal);
             point->area = tissue->area[n];

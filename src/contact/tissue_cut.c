@@ -373,8 +373,13 @@ pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces,
                                      const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out)
 {
     slot *slots = pliant_calloc((size_t)num_faces, 2 * sizeof *slots);
-    if (!slots) return pliant_fail_memory("contacts of tissue with tissue");
-    pliant_status status = PLIANT_OK;
+    uint8_t *has_point = pliant_calloc((size_t)num_faces, 2); /* as what another side is opposite: that is one point of both */
+    pliant_status status = slots && has_point ? PLIANT_OK : pliant_fail_memory("contacts of tissue with tissue");
+    if (status != PLIANT_OK) {
+        pliant_free(slots);
+        pliant_free(has_point);
+        return status;
+    }
     for (int32_t n = 0; n < 2 * num_faces; n++) {
         const side of = {faces + n / 2, n % 2};
         double place[3];
@@ -384,15 +389,18 @@ pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces,
     qsort(slots, 2 * (size_t)num_faces, sizeof *slots, compare_slots);
     for (int32_t n = 0; n < 2 * num_faces && status == PLIANT_OK; n++) {
         meeting met;
-        const int32_t other = slid[n / 2] ? find_opposite(body, faces, slots, 2 * num_faces, piece, n, positions, rule, &met) : -1;
+        const int32_t other = slid[n / 2] && !has_point[n] ? find_opposite(body, faces, slots, 2 * num_faces, piece, n, positions, rule, &met) : -1;
         if (other < 0) continue;
         const side p = {faces + n / 2, n % 2}, q = {faces + other / 2, other % 2};
         if ((status = pliant_contacts_reserve(out, out->count + 1)) != PLIANT_OK) break;
         pliant_contact_point *point = out->point + out->count;
         *point = (pliant_contact_point){.kind = PLIANT_OBSTACLE_TISSUE, .tool = -1, .part = -1, .friction = rule->friction};
         point->feature = (uint64_t)PLIANT_TISSUE_SLID << 56 | (uint64_t)n << 28 | (uint64_t)other;
-        out->count += write_point(body, &p, &q, &met, rule, point);
+        if (!write_point(body, &p, &q, &met, rule, point)) continue;
+        has_point[other] = 1;
+        out->count++;
     }
     pliant_free(slots);
+    pliant_free(has_point);
     return status;
 }

@@ -12,6 +12,7 @@ extern "C" {
 #endif
 
 #define PLIANT_TISSUE_BORDER 1e-6 /* weights that far below 0 are of points beside a triangle or a tetrahedron */
+#define PLIANT_TISSUE_HOLDS 0.02  /* and of a triangle that it touched in the step before: at a border it would come and go with every step */
 enum { PLIANT_TISSUE_MOST_WAY = 64 /* tetrahedra or triangles from one to a point */ };
 
 /* Of struct pliant_tissue and its body, what the search asks. */
@@ -212,11 +213,13 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
     one.skin = skin;
     one.deep = 0;
     if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= pliant_tissue_margin_of(on, node, skin))) return;
-    if (one.weight[0] < -PLIANT_TISSUE_BORDER || one.weight[1] < -PLIANT_TISSUE_BORDER || one.weight[2] < -PLIANT_TISSUE_BORDER) return;
+    const double least = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
+    const bool holds = on->last[index] == skin && one.gap > -PLIANT_TISSUE_HOLDS * on->shortest;
+    if (least < (holds ? -PLIANT_TISSUE_HOLDS : -PLIANT_TISSUE_BORDER)) return;
     if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;
     if (one.gap < 0) {
         const int32_t holder = pliant_tissue_walk(on, tet, point);
-        if (holder < 0 || pliant_tissue_is_near(on, index, holder)) return;
+        if (holder < 0 ? least >= -PLIANT_TISSUE_BORDER : pliant_tissue_is_near(on, index, holder)) return;
     }
     pliant_tissue_keep(on, index, &one);
 }

@@ -369,16 +369,20 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     /* the least height of the lattice's tetrahedra is 0.58 of a cube's side, of one on bone less */
     cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
                 lesser(cell[0], lesser(cell[1], cell[2]));
+    uint8_t *may = NULL;
     pliant_status status = pliant_cut_strip(sweep, aside, &cut.strip);
     if (status == PLIANT_OK && cut.strip.count > 0) {
         cut.near = pliant_calloc((size_t)cut.strip.count, sizeof *cut.near);
         cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);
         if (!cut.near || !cut.map_of) status = pliant_fail_memory("the maps of fragments");
-        for (int32_t t = 0; t < work->body->fine.num_tets && status == PLIANT_OK; t++) status = try_fragment(&cut, t);
+        if (status == PLIANT_OK) status = pliant_cut_near(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
+        const size_t tets = (size_t)work->body->fine.num_tets;
+        for (const uint8_t *at = may; status == PLIANT_OK && (at = memchr(at, 1, tets - (size_t)(at - may))); at++) status = try_fragment(&cut, (int32_t)(at - may));
         if (status == PLIANT_OK) status = pliant_cut_sort_severed(work);
     }
     pliant_free(cut.strip.triangles);
     pliant_free(cut.near);
+    pliant_free(may);
     pliant_free(cut.map_of);
     pliant_free(cut.maps);
     return status;

@@ -128,6 +128,9 @@ pliant_status pliant_cut_subdivide(const pliant_body *body, uint64_t revision, c
 /* cut.c: pieces with tissue; they hang together where they have nodes in common, or joints */
 pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces);
 
+/* near.c: tetrahedra whose boxes, each reaching further by `reach` of its own extent and slack [m], may meet that of the strip. out: (fine.num_tets) 1:
+ * may; the caller's to free, also on an error. Errors: MEMORY. */
+pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach, double slack, uint8_t **out);
 /* Links and bridges that the sweep severs; slack: [m] */
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
 /* what is newly severed, ascending, each once */

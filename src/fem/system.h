@@ -77,6 +77,15 @@ typedef struct pliant_macros {
 
 enum { PLIANT_MAX_LAYERS = 3, PLIANT_MAX_CORNERS = 2 * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) };
 
+/* Of a coarse system in whose body cuts have been made: near them its elements are those of the fine mesh (coarse/graded.c). Solved nodes are those of the
+ * coarse mesh, then all fine ones, of which most follow and are no unknowns. */
+typedef struct pliant_graded {
+    pliant_mesh mesh;         /* solved: nodes and the lattice, no tetrahedra */
+    int32_t coarse_nodes;
+    uint8_t *used;            /* (coarse_nodes) an element has it */
+    uint8_t *refined;         /* (cells of the coarse lattice) */
+} pliant_graded;
+
 /* What the stiffness of a block of elements follows from at one state. */
 typedef struct pliant_tangent {
     double rotation[9][LANES];
@@ -105,8 +114,9 @@ struct pliant_system {
     int32_t num_free;
     int32_t *free_of_node;    /* (num_nodes) or -1 */
     int32_t *node_of_free;    /* (num_free) */
-    int32_t *corner_start;    /* (num_free + 1) */
-    int32_t *corner;          /* 4 * element + corner, or corner of the macro-elements: which forces a node gathers, ascending */
+    int32_t *corner_start, *corner_end; /* (num_free) where a node's begin and end in corner */
+    int32_t num_corners;      /* of corner; those of a next body's system have gaps where a list got shorter, or longer and went to the end */
+    int32_t *corner;          /* (num_corners) 4 * element + corner, or corner of the macro-elements: which forces a node gathers, ascending */
 
     pliant_pattern pattern;   /* of the next body's system empty until a background thread needs it, which makes it */
     pliant_preconditioner *preconditioner; /* at rest; shared, never changed. NULL: the next body's, until the solver has made its own */
@@ -114,6 +124,7 @@ struct pliant_system {
     double *trace;            /* (num_blocks) what each adds to that diagonal's sum */
 
     pliant_upsample *upsample; /* Nullable */
+    pliant_graded *graded;    /* Nullable: mesh is its own */
     pliant_basis *basis;      /* Nullable: of a patch (basis.h): what lies beyond its elements pulls, too */
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
 };
@@ -132,7 +143,7 @@ static inline int32_t pliant_element_of_corner(const pliant_system *system, int3
  * fixed of it are the same. */
 typedef struct pliant_kept {
     const pliant_discretization *before;
-    uint8_t *fine, *coarse;   /* (tetrahedra of the next body); coarse: by its own corners and material alone; NULL: no coarse mesh */
+    uint8_t *fine;            /* (fine tetrahedra of the next body) */
 } pliant_kept;
 
 /* ---- elements.c */
@@ -188,9 +199,19 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
  * and what is followed by something fixed. Errors: MEMORY. */
 pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept,
                                              uint8_t *fixed);
-/* ---- coarse/ties.c: beside a cut that opens (body.h) what ties coarse nodes at one place, as elements after all others. Errors: MEMORY. */
-enum { PLIANT_TIE_CORNERS = 2 };
-pliant_status pliant_cubes_tie(pliant_system *system, const pliant_body *body);
+/* ---- coarse/graded.c */
+/* Whether cuts have parted anything of a body. */
+bool pliant_body_is_cut(const pliant_body *body);
+/* All of it that is made of elements, and how the fine nodes follow; its mesh is the coarse one yet. base: of the coarse mesh alone, with unknowns.
+ * fixed: (solved nodes) out, with pliant_calloc. Errors: MEMORY. */
+pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, bool hexahedra, uint8_t **fixed);
+/* ---- coarse/graded_carry.c */
+/* The solved node that each was in the system of the body before; -1: none. *own: to be freed by the caller, where it is not the map's. Errors: MEMORY. */
+pliant_status pliant_solved_sources(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, int32_t **own, const int32_t **out);
+/* Where solved nodes are, by where those before were: out (solved nodes x 3). Errors: MEMORY. */
+pliant_status pliant_solved_positions(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, const double *x, double *out);
+/* the fine node at the place of a solved one; -1: none */
+int32_t pliant_fine_of_solved(const pliant_system *system, const pliant_body *body, int32_t node);
 /* ---- hexahedra.c */
 /* Nodes of the cubes of a lattice of whole ones, without stiffness: start, node, cell. Errors: MEMORY. */
 pliant_status pliant_system_cubes(pliant_system *system);
@@ -213,16 +234,14 @@ void pliant_macros_free(pliant_macros *macros); /* Nullable */
 
 /* ---- homogenize.c */
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
-                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
-                                pliant_progress progress); /* kept: Nullable */
+                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
 
 /* ---- cubes.c: the same of hexahedra on the coarse cubes. Errors: MEMORY, NUMERIC, CANCELLED. */
 pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
-                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
-                                      pliant_progress progress); /* kept: Nullable */
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
 
 /* ---- upsample.c */
-pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept); /* kept: Nullable */
+pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine);
 /* Of a point in a cube of the solved lattice: weights of its corners. A coordinate that is a node's of the fine lattice is exactly that. */
 void pliant_trilinear_weights(const pliant_system *system, int32_t cell, const double *point, double weights[8]);
 /* the same in coarse hexahedra, and the tetrahedra beside a cut. element_of_fine: (fine tetrahedra) macro-element */

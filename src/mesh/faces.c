@@ -85,8 +85,10 @@ pliant_status pliant_mesh_surface_of(const pliant_mesh *mesh, const int32_t *nei
     int32_t *out = pliant_calloc((size_t)outside, 3 * sizeof *out), *next = out;
     if (!out) return pliant_fail_memory("the surface");
     for (int32_t f = 0; f < 4 * mesh->num_tets; f++)
-        if (neighbours[f] < 0)
-            for (int v = 0; v < 3; v++) *next++ = mesh->tets[4 * (f / 4) + pliant_face_corners[f % 4][v]];
+        if (neighbours[f] < 0) {
+            pliant_face_triangle(mesh, f, next);
+            next += 3;
+        }
     *triangles = out;
     *count = outside;
     return PLIANT_OK;

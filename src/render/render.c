@@ -93,7 +93,7 @@ void render_fill_bricks(const render_scene *scene, bool by_label, int num_thread
     }
 }
 
-static inline __attribute__((always_inline)) void draw_row(const render_scene *scene, pliant_encoding encoding, int32_t row, const render_output *out)
+PLIANT_INLINE void draw_row(const render_scene *scene, pliant_encoding encoding, int32_t row, const render_output *out)
 {
     if (out->integral)
         for (int32_t column = 0; column < scene->width; column++) render_integral(scene, encoding, column, row, out);

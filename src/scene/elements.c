@@ -8,7 +8,7 @@
 typedef struct tetrahedral {
     bool asked;
     const char *what;    /* option and reason */
-    const char *instead; /* what goes with hexahedra; NULL: it goes, but far better with tetrahedra */
+    const char *instead; /* what goes with hexahedra; NULL: it goes, but tetrahedra are surer */
 } tetrahedral;
 
 /* The first such thing that a scene asks for; .what NULL: none. alone: that goes with nothing else. */
@@ -18,7 +18,7 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
     const tetrahedral all[] = {
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
         {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
-         "contact/self, obstacles: how small tools press hexahedra is not held against a finer mesh yet", NULL},
+         "contact/self, obstacles: thin sheets of hexahedra fold over what presses them", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},
     };
     for (size_t n = 0; n < sizeof all / sizeof *all; n++)

@@ -9,6 +9,7 @@
 #include "contact/tissue.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
+#include "fem/patch/patch.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -25,7 +26,7 @@ enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 *
 struct pliant_contact_search {
     pliant_finder *finder;
     pliant_tissue tissue;      /* contact/self */
-    pliant_outside outside;    /* of hexahedra */
+    pliant_outside outside;
     pliant_contacts made;      /* room: those of the step before, once this one has its own */
     int32_t num_poses, room_poses;
     pliant_pose *pose;
@@ -229,6 +230,9 @@ static pliant_status begin(pliant_data *data)
     return status;
 }
 
+/* Elements touch where their tissue ends. Those that cuts subdivide touch with their own faces, since a cut's faces are where it went. */
+static bool touches_within_elements(const pliant_model *model) { return model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE; }
+
 /* contact/response: paper. Without a delay every node of the surface's tetrahedra has a point, and the sub-steps know which of them are slowed. */
 static pliant_status find_slowed(const pliant_model *model, pliant_data *data, pliant_contacts *out)
 {
@@ -256,7 +260,7 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
-    const pliant_outside *outside = model->scene.element.kind == PLIANT_HEXAHEDRA ? &data->contact_search->outside : NULL;
+    const pliant_outside *outside = touches_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
                                      .friction = model->scene.contact.friction, .pieces_go = pieces_go};
@@ -266,13 +270,13 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     return pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
 }
 
-/* Hexahedra touch where their tissue ends. *body, *positions: of the surface that is searched. Errors: MEMORY. */
+/* *body, *positions: of the surface that is searched. Errors: MEMORY. */
 static pliant_status choose_surface(const pliant_model *model, pliant_data *data, const pliant_body **body, const double **positions)
 {
     pliant_outside *outside = &data->contact_search->outside;
     *body = data->body;
     *positions = data->positions;
-    if (model->scene.element.kind != PLIANT_HEXAHEDRA) return PLIANT_OK;
+    if (!touches_within_elements(model)) return PLIANT_OK;
     const pliant_outside_voxels voxels = {model->body, &model->scan->geometry, model->material_of_voxel, &model->materials};
     pliant_status status = pliant_outside_set_body(outside, &voxels, data->body);
     if (status != PLIANT_OK) return status;
@@ -297,6 +301,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     const double *positions = NULL;
     status = gather_parts(model, data, 0);
     if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
+    pliant_finder_tell(search->finder, &data->contacts);
     if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
     if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
@@ -387,7 +392,7 @@ static double thinnest_of(const pliant_contact_search *search)
 bool pliant_contact_may_pass(const pliant_data *data)
 {
     if (!data->contact_search || !data->solver || !(thinnest_of(data->contact_search) < INFINITY)) return false;
-    return !any_spins(data) && !data->falling && data->statistics.patched == 0; /* the step has yet to place pieces and what a patch solves */
+    return !any_spins(data) && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
 }
 
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data)

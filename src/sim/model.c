@@ -239,13 +239,6 @@ static pliant_status let_hang(builder *build, const uint8_t *fixed_before)
     return status;
 }
 
-static pliant_cut_end opening_of(const pliant_scene *scene)
-{
-    const bool homogenized = scene->model.method == PLIANT_AVERAGED || scene->model.method == PLIANT_CALIBRATED;
-    if (scene->element.kind == PLIANT_HEXAHEDRA) return homogenized || scene->model.method == PLIANT_COARSE ? PLIANT_CUTS_TIED : PLIANT_CUTS_CLOSED;
-    return homogenized ? PLIANT_CUTS_OPEN : PLIANT_CUTS_CLOSED;
-}
-
 static pliant_status fix(builder *build)
 {
     pliant_model *model = build->model;
@@ -256,7 +249,6 @@ static pliant_status fix(builder *build)
     if (!body->fine_fixed || !build->loose) return pliant_fail_memory("the fixed nodes");
     for (int32_t n = 0; n < fine->num_nodes; n++) body->fine_fixed[n] = pliant_fixed_node(model, n);
     const int holds_none = pliant_fixed_planes_tell(model);
-    body->cuts_open = opening_of(&model->scene);
     body->has_inertia = model->scene.solver.kind == PLIANT_TLED && !model->scene.tled.quasi_static;
     pliant_wall walls[PLIANT_MAX_WALLS];
     body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_walls(&model->scene, walls) > 0; /* something ends the fall */

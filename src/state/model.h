@@ -19,7 +19,9 @@ typedef struct pliant_discretization {
     pliant_system *system;            /* of tled: threads and meshes only */
     pliant_system *fine_system;       /* Nullable: model/patch; the fine mesh, solved only when a tool takes hold */
     pliant_tled_system *tled;         /* Nullable: solver/kind tled */
-    const struct pliant_discretization *first; /* Nullable: retained: that of the body at load, for patches: it has a factor of its fine mesh */
+    pliant_system *coarse_system;     /* Nullable: of a body at load in which tissue is parted already: its coarse mesh alone */
+    const struct pliant_discretization *first; /* Nullable: retained: that of the body at load: it has coarse elements that no cut has touched, and for patches a
+                                       * factor of its fine mesh */
     double condition_estimate;        /* of the stiffness matrix, 1-norm (CHOLMOD's rcond inverted); 0: not known */
     struct pliant_discretization_holders *holders; /* how many there are (src/state/discretization.c) */
 } pliant_discretization;

@@ -25,13 +25,16 @@ typedef struct pliant_warp_parts {
     double *seconds;             /* cull, rasterize */
     const fit_view *fit;         /* NULL: rasterize */
     const pliant_parts *parts;   /* NULL: nothing is cut */
+    int32_t rest_known;          /* of a next body: so many nodes are where those of the body before are */
 } pliant_warp_parts;
 
 /* What becomes of elements (parts.h) from one body to the next. */
 typedef struct pliant_warp_changes {
     int32_t before, now;         /* elements */
-    const int32_t *from;         /* (now) what each was before; -1: it is drawn anew */
-    const uint8_t *gone;         /* (before) 1: is none of those, so that where it was is drawn anew */
+    int32_t common;              /* tetrahedra of both: each is what it was, but for those that are drawn anew */
+    int32_t num_anew, *anew;     /* those, ascending */
+    int32_t *from;               /* (now - common) what each of the others was before; -1: it is drawn anew */
+    int32_t num_gone, *gone;     /* those of before, ascending, that are none of now: where they were is drawn anew */
 } pliant_warp_changes;
 
 /* Its functions; object: what create made. Errors: MEMORY, UNAVAILABLE. */

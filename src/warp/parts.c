@@ -1,6 +1,8 @@
 /* Labels of the voxels around every tetrahedron that a cut passes. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "base/threads.h"
+#include "body/parts.h"
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
@@ -10,10 +12,11 @@ typedef struct parts_work {
     const pliant_body *body;
     const pliant_parts *before;    /* Nullable: nothing can be taken from there */
     part_hosts *hosts;
+    const pliant_body *body_before;
     int32_t *cut_of;               /* (tetrahedra at load) */
     part_changes changes;
-    int32_t *kept;                 /* (tetrahedra at load) box of the parts before; -1: none */
-    int32_t num_anew, *anew;       /* tetrahedra at load, ascending */
+    int32_t num_other, other_room, *other; /* parts.h */
+    int32_t num_anew, *anew;       /* tetrahedra at load, ascending; of those */
     part_made *made;               /* (num_anew) */
     int num_makers;
     part_maker *makers;
@@ -31,17 +34,58 @@ static bool is_near(const parts_work *all, int32_t tet)
     return false;
 }
 
-/* Which tetrahedra keep their box, or that they have none, and which are looked at anew. */
-static void plan(parts_work *all)
+static bool has_voxels(const parts_work *all, int32_t tet) { return all->body->voxels->start[tet] < all->body->voxels->start[tet + 1]; }
+
+static bool add_other(parts_work *all, int32_t tet)
 {
-    const pliant_voxels *voxels = all->body->voxels;
-    for (int32_t t = 0; t < voxels->num_tets; t++) {
-        const int32_t old = all->before ? all->before->view.elements[t].box : -1;
-        all->kept[t] = -1;
-        if (voxels->start[t] == voxels->start[t + 1]) continue;
-        if (all->before && !pliant_parts_differ(&all->changes, t, &all->hosts->box[t], old >= 0 && all->before->by_node[old])) all->kept[t] = old;
-        else if (is_near(all, t)) all->anew[all->num_anew++] = t;
+    if (all->num_other == all->other_room) {
+        if (!pliant_grow(&all->other, 2 * (size_t)all->other_room + 1024, sizeof *all->other)) return false;
+        all->other_room = 2 * all->other_room + 1024;
     }
+    all->other[all->num_other++] = tet;
+    return true;
+}
+
+static bool add_cube(parts_work *all, const int32_t at[3])
+{
+    const part_hosts *hosts = all->hosts;
+    const int32_t cube = part_index_of(hosts->cubes, at);
+    bool good = true;
+    for (int32_t i = hosts->cube_start[cube]; i < hosts->cube_start[cube + 1] && good; i++) {
+        const int32_t tet = hosts->of_cube[i], old = all->before->view.elements[tet].box;
+        if (has_voxels(all, tet) && pliant_parts_differ(&all->changes, &hosts->box[tet], old >= 0 && all->before->by_node[old])) good = add_other(all, tet);
+    }
+    return good;
+}
+
+/* those whose boxes may differ from before: of lists, and near what differs */
+static bool list_other(parts_work *all)
+{
+    const part_changes *changes = &all->changes;
+    int32_t at[3], low[3], high[3];
+    bool good = true;
+    for (int32_t i = 0; i < changes->num_listed && good; i++) good = !has_voxels(all, changes->listed[i]) || add_other(all, changes->listed[i]);
+    for (int d = 0; d < 3; d++) {
+        low[d] = changes->low[d] * PART_REGION / PART_CUBE;
+        high[d] = changes->high[d] < 0 ? -1 : changes->high[d] * PART_REGION / PART_CUBE;
+    }
+    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+            for (at[0] = low[0]; at[0] <= high[0] && good; at[0]++) good = !pliant_parts_differ_in(changes, at) || add_cube(all, at);
+    if (good && all->num_other > 0) all->num_other = sort_once(all->other, all->num_other);
+    return good;
+}
+
+/* Which tetrahedra do not keep their box, or that they have none, and which of those are looked at anew. */
+static bool plan(parts_work *all)
+{
+    bool good = true;
+    if (all->before) good = list_other(all);
+    for (int32_t t = 0; !all->before && t < all->body->voxels->num_tets && good; t++) good = !has_voxels(all, t) || !is_near(all, t) || add_other(all, t);
+    if (!good || !(all->anew = pliant_calloc((size_t)all->num_other + 1, sizeof *all->anew))) return false;
+    for (int32_t i = 0; i < all->num_other; i++)
+        if (is_near(all, all->other[i])) all->anew[all->num_anew++] = all->other[i];
+    return true;
 }
 
 static pliant_status make_boxes(parts_work *all)
@@ -62,18 +106,37 @@ static pliant_status make_boxes(parts_work *all)
     return pliant_work_outcome(&work);
 }
 
-/* What each element is a part of. Guests follow the tetrahedra. */
+static void set_element(part_element *elements, int32_t at, int32_t box, int32_t label)
+{
+    if (elements[at].box == box && elements[at].label == label) return;
+    elements[at] = (part_element){box, label};
+    pliant_writes(elements, (size_t)at, 1, sizeof *elements);
+}
+
+/* Fragments of a tetrahedron at load in a body; tet: room for itself */
+static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const int32_t **out)
+{
+    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, *tet) : -1;
+    *out = at < 0 ? tet : cuts->fragment + cuts->start[at];
+    return at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
+}
+
+/* What each element is a part of. Guests follow the tetrahedra. elements: those of before, and behind them anything */
 static void set_elements(const parts_work *all, pliant_parts *parts, part_element *elements)
 {
-    const int32_t tets = all->body->fine.num_tets;
-    const pliant_cuts *cuts = all->body->cuts;
-    for (int32_t t = 0; t < tets + parts->num_guests; t++) elements[t].box = -1;
+    const int32_t tets = all->body->fine.num_tets, *list;
+    const int32_t known = all->before ? all->body_before->fine.num_tets : 0;
+    for (int32_t t = known; t < tets; t++) elements[t] = (part_element){-1, 0};
+    for (int32_t g = 0; g < parts->num_guests; g++) elements[tets + g] = (part_element){-1, 0};
+    for (int32_t i = 0; all->before && i < all->num_other; i++) {
+        const int32_t count = fragments_of(all->body_before->cuts, all->other + i, &list);
+        for (int32_t f = 0; f < count; f++)
+            if (list[f] < tets) set_element(elements, list[f], -1, 0);
+    }
     int32_t guest = 0;
     for (int32_t b = 0; b < parts->num_boxes; b++) {
-        const int32_t host = parts->host[b], cut = all->cut_of[host], *carrier = parts->carrier + parts->carrier_start[b];
-        if (cut < 0) elements[host] = (part_element){b, 0};
-        for (int32_t f = cut < 0 ? 0 : cuts->start[cut]; cut >= 0 && f < cuts->start[cut + 1]; f++)
-            elements[cuts->fragment[f]] = (part_element){b, f - cuts->start[cut]};
+        const int32_t *carrier = parts->carrier + parts->carrier_start[b], count = fragments_of(all->body->cuts, parts->host + b, &list);
+        for (int32_t f = 0; f < count; f++) set_element(elements, list[f], b, f);
         for (int32_t label = 0; guest < parts->guest_start[b + 1]; label++)
             if (carrier[label] == parts->guests[guest].carrier) elements[tets + guest++] = (part_element){b, label};
     }
@@ -124,14 +187,20 @@ static void add_made(pliant_parts *parts, part_box *boxes, const parts_work *all
             by->guests.at ? (const part_guest *)by->guests.at + made->guests : NULL, made->num_guests);
 }
 
+/* next: from where the others are to be looked at; hosts are asked for in order */
+static bool is_other(const parts_work *all, int32_t host, int32_t *next)
+{
+    while (*next < all->num_other && all->other[*next] < host) (*next)++;
+    return *next < all->num_other && all->other[*next] == host;
+}
+
 /* Counts, and room for them. */
 static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part_box **boxes, part_element **elements)
 {
     const pliant_parts *from = all->before;
     size_t count = 0, carriers = 0, guests = 0, more = 0, live = 0;
-    for (int32_t t = 0; t < all->body->voxels->num_tets; t++) {
-        const int32_t old = all->kept[t];
-        if (old < 0) continue;
+    for (int32_t old = 0, other = 0; from && old < from->num_boxes; old++) {
+        if (is_other(all, from->host[old], &other)) continue;
         count++;
         carriers += (size_t)(from->carrier_start[old + 1] - from->carrier_start[old]);
         guests += (size_t)(from->guest_start[old + 1] - from->guest_start[old]);
@@ -145,7 +214,8 @@ static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part
         more += (size_t)all->made[n].num_labels;
     }
     parts->view.boxes = *boxes = pliant_calloc(count + 1, sizeof **boxes);
-    *elements = pliant_calloc((size_t)all->body->fine.num_tets + guests, sizeof **elements);
+    const size_t tets = (size_t)all->body->fine.num_tets, known = from ? (size_t)all->body_before->fine.num_tets : 0;
+    *elements = from ? pliant_next_of(from->view.elements, known < tets ? known : tets, tets + guests, sizeof **elements) : pliant_room(tets + guests, sizeof **elements);
     parts->view.elements = *elements;
     parts->host = pliant_calloc(count + 1, sizeof *parts->host);
     parts->by_node = pliant_calloc(count + 1, sizeof *parts->by_node);
@@ -167,12 +237,16 @@ static pliant_status gather(const parts_work *all, pliant_parts *parts)
     pliant_status status = make_lists(all, parts, &boxes, &elements);
     if (status != PLIANT_OK) return status;
     memcpy(parts->view.scan_size, all->body->voxels->geometry.size, sizeof parts->view.scan_size);
-    int32_t n = 0;
-    for (int32_t t = 0; t < all->body->voxels->num_tets; t++) {
-        if (all->kept[t] >= 0) add_kept(parts, boxes, all->before, all->kept[t]);
-        if (n == all->num_anew || all->anew[n] != t) continue;
-        if (all->made[n].maker >= 0) add_made(parts, boxes, all, n);
-        n++;
+    const int32_t olds = all->before ? all->before->num_boxes : 0;
+    for (int32_t n = 0, old = 0, other = 0; n < all->num_anew || old < olds;) {
+        const int32_t host = old < olds ? all->before->host[old] : INT32_MAX;
+        if (n < all->num_anew && all->anew[n] <= host) {
+            if (all->made[n].maker >= 0) add_made(parts, boxes, all, n);
+            old += all->anew[n++] == host;
+        } else {
+            if (!is_other(all, host, &other)) add_kept(parts, boxes, all->before, old);
+            old++;
+        }
     }
     parts->view.labels = parts->pool->at;
     parts->num_labels = (int32_t)parts->pool->used;
@@ -180,17 +254,21 @@ static pliant_status gather(const parts_work *all, pliant_parts *parts)
     return PLIANT_OK;
 }
 
-static pliant_status create(parts_work *all, const pliant_body *body_before, pliant_parts *parts)
+static pliant_status create(parts_work *all, pliant_parts *parts)
 {
     pliant_status status = pliant_part_hosts_find(all->makers, all->before, &parts->hosts);
     if (status != PLIANT_OK) return status;
     all->hosts = parts->hosts;
-    if (all->before) status = pliant_parts_compare(all->makers, body_before, all->hosts, &all->changes);
+    if (all->before) status = pliant_parts_compare(all->makers, all->body_before, all->hosts, &all->changes);
     if (status != PLIANT_OK) return status;
-    plan(all);
-    all->made = pliant_calloc((size_t)all->num_anew + 1, sizeof *all->made);
+    const bool planned = plan(all);
+    if (planned) all->made = pliant_calloc((size_t)all->num_anew + 1, sizeof *all->made);
     status = all->made ? make_boxes(all) : pliant_parts_no_memory();
-    return status == PLIANT_OK ? gather(all, parts) : status;
+    if (status == PLIANT_OK) status = gather(all, parts);
+    parts->num_other = all->num_other;
+    parts->other = all->other;
+    all->other = NULL;
+    return status;
 }
 
 static void free_maker(part_maker *maker)
@@ -208,24 +286,22 @@ pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry
     if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
     const size_t tets = (size_t)body->voxels->num_tets;
-    parts_work all = {.body = body, .before = before && body_before && body_before->voxels == body->voxels ? before : NULL, .num_makers = num_threads};
-    all.cut_of = pliant_calloc(tets, sizeof *all.cut_of);
-    all.kept = pliant_calloc(tets, sizeof *all.kept);
-    all.anew = pliant_calloc(tets, sizeof *all.anew);
+    parts_work all = {.body = body, .before = before && body_before && body_before->voxels == body->voxels ? before : NULL, .body_before = body_before, .num_makers = num_threads};
+    all.cut_of = pliant_room(tets, sizeof *all.cut_of);
     all.makers = pliant_calloc((size_t)num_threads, sizeof *all.makers);
     pliant_parts *parts = pliant_calloc(1, sizeof *parts);
-    pliant_status status = all.cut_of && all.kept && all.anew && all.makers && parts ? PLIANT_OK : pliant_parts_no_memory();
+    pliant_status status = all.cut_of && all.makers && parts ? PLIANT_OK : pliant_parts_no_memory();
     if (status == PLIANT_OK) {
-        for (size_t t = 0; t < tets; t++) all.cut_of[t] = -1;
+        memset(all.cut_of, 0xff, tets * sizeof *all.cut_of);
         for (int32_t t = 0; t < body->cuts->num_tets; t++) all.cut_of[body->cuts->tet[t]] = t;
         for (int m = 0; m < num_threads; m++)
             all.makers[m] = (part_maker){.body = body, .voxels = body->voxels, .cuts = body->cuts, .scan = scan, .cut_of = all.cut_of,
                                          .carriers.size = sizeof(int32_t), .labels.size = sizeof(uint16_t), .guests.size = sizeof(part_guest)};
-        status = create(&all, body_before, parts);
+        status = create(&all, parts);
     }
     for (int m = 0; all.makers && m < num_threads; m++) free_maker(all.makers + m);
     pliant_part_changes_free(&all.changes);
-    void *blocks[] = {all.cut_of, all.kept, all.anew, all.made, all.makers};
+    void *blocks[] = {all.cut_of, all.other, all.anew, all.made, all.makers};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     if (status != PLIANT_OK) {
         pliant_parts_free(parts);
@@ -263,6 +339,7 @@ void pliant_parts_free(pliant_parts *parts)
     pliant_free(parts->host);
     pliant_free(parts->by_node);
     pliant_free(parts->taken);
+    pliant_free(parts->other);
     pliant_free(parts->carrier_start);
     pliant_free(parts->carrier);
     pliant_free(parts->guest_start);

@@ -24,10 +24,12 @@ typedef struct part_pool {
     uint16_t *at;
 } part_pool;
 
-/* The boxes of all tetrahedra at load: the same for all bodies. */
+/* The boxes of all tetrahedra at load: the same for all bodies; and which of them have a voxel in a cube of PART_CUBE along each axis. */
+enum { PART_CUBE = 16 };
 typedef struct part_hosts {
     int32_t holders;
     part_box *box;
+    int32_t cubes[3], *cube_start, *of_cube; /* (cubes + 1), ascending in each */
 } part_hosts;
 
 /* Elements are the tetrahedra of a body, and after them its guests. */
@@ -41,6 +43,7 @@ typedef struct pliant_parts {
     int32_t *host;             /* (num_boxes) tetrahedron at load, ascending */
     uint8_t *by_node;          /* (num_boxes) labels depend on which nodes tetrahedra have */
     int32_t *taken;            /* (num_boxes) box of the body before that it was taken from; -1: made anew */
+    int32_t num_other, *other; /* tetrahedra at load whose boxes of before, Nullable, were not taken, or that have new ones; ascending */
     int32_t *carrier_start, *carrier; /* (num_boxes + 1), by box and label: the tetrahedron that each label stands for */
     int32_t num_guests;
     int32_t *guest_start;      /* (num_boxes + 1) */

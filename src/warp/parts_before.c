@@ -2,9 +2,6 @@
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
-/* Differences are told by cubes of so many voxels along each axis. */
-enum { REGION = 4 };
-
 enum { OTHER_VOXELS = 1, OTHER_NODES = 2 };
 
 typedef struct comparison {
@@ -19,8 +16,8 @@ static void mark_box(const comparison *both, const part_box *box, uint8_t mark)
     part_changes *out = both->out;
     int32_t at[3], low[3], high[3];
     for (int d = 0; d < 3; d++) {
-        low[d] = box->low[d] / REGION;
-        high[d] = (box->low[d] + box->size[d] - 1) / REGION;
+        low[d] = box->low[d] / PART_REGION;
+        high[d] = (box->low[d] + box->size[d] - 1) / PART_REGION;
         if (low[d] < out->low[d]) out->low[d] = low[d];
         if (high[d] > out->high[d]) out->high[d] = high[d];
     }
@@ -65,8 +62,8 @@ static void mark_carriers_of(const comparison *both, int32_t tet, int32_t o, int
     const pliant_voxels *voxels = both->work->voxels;
     const pliant_cuts *old = both->before->cuts, *now = both->work->cuts;
     const int32_t *was = o < 0 ? NULL : old->voxel_fragment + old->voxel_start[o], *is = n < 0 ? NULL : now->voxel_fragment + now->voxel_start[n];
-    both->out->listed[tet] = o < 0 || n < 0 || !part_same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o],
-                                                               now->fragment + now->start[n], now->start[n + 1] - now->start[n]);
+    if (o < 0 || n < 0 || !part_same_list(old->fragment + old->start[o], old->start[o + 1] - old->start[o], now->fragment + now->start[n], now->start[n + 1] - now->start[n]))
+        both->out->listed[both->out->num_listed++] = tet;
     if (was == is) return;
     for (int32_t v = voxels->start[tet]; v < voxels->start[tet + 1]; v++) {
         const int32_t in = v - voxels->start[tet];
@@ -116,13 +113,13 @@ pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *bo
     const comparison both = {.work = work, .before = body_before, .hosts = hosts, .out = out};
     size_t regions = 1;
     for (int d = 0; d < 3; d++) {
-        out->regions[d] = (work->voxels->geometry.size[d] - 1) / REGION + 1;
+        out->regions[d] = (work->voxels->geometry.size[d] - 1) / PART_REGION + 1;
         regions *= (size_t)out->regions[d];
         out->low[d] = out->regions[d];
         out->high[d] = -1;
     }
     out->other = pliant_calloc(regions, 1);
-    out->listed = pliant_calloc((size_t)work->voxels->num_tets, 1);
+    out->listed = pliant_calloc((size_t)body_before->cuts->num_tets + (size_t)work->cuts->num_tets + 1, sizeof *out->listed);
     if (!out->other || !out->listed) return pliant_parts_no_memory();
     mark_links(&both);
     mark_carriers(&both);
@@ -136,19 +133,30 @@ void pliant_part_changes_free(part_changes *changes)
     pliant_free(changes->listed);
 }
 
-bool pliant_parts_differ(const part_changes *changes, int32_t tet, const part_box *box, bool by_node)
+bool pliant_parts_differ(const part_changes *changes, const part_box *box, bool by_node)
 {
     const uint8_t asked = by_node ? OTHER_VOXELS | OTHER_NODES : OTHER_VOXELS;
     int32_t at[3], low[3], high[3];
-    if (changes->listed[tet]) return true;
     for (int d = 0; d < 3; d++) {
-        low[d] = box->low[d] / REGION;
-        high[d] = (box->low[d] + box->size[d] - 1) / REGION;
+        low[d] = box->low[d] / PART_REGION;
+        high[d] = (box->low[d] + box->size[d] - 1) / PART_REGION;
         if (low[d] > changes->high[d] || high[d] < changes->low[d]) return false;
     }
     for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
         for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
             for (at[0] = low[0]; at[0] <= high[0]; at[0]++)
                 if (changes->other[part_index_of(changes->regions, at)] & asked) return true;
+    return false;
+}
+
+bool pliant_parts_differ_in(const part_changes *changes, const int32_t cube[3])
+{
+    enum { IN_CUBE = PART_CUBE / PART_REGION };
+    int32_t at[3], high[3];
+    for (int d = 0; d < 3; d++) high[d] = IN_CUBE * (cube[d] + 1) < changes->regions[d] ? IN_CUBE * (cube[d] + 1) : changes->regions[d];
+    for (at[2] = IN_CUBE * cube[2]; at[2] < high[2]; at[2]++)
+        for (at[1] = IN_CUBE * cube[1]; at[1] < high[1]; at[1]++)
+            for (at[0] = IN_CUBE * cube[0]; at[0] < high[0]; at[0]++)
+                if (changes->other[part_index_of(changes->regions, at)]) return true;
     return false;
 }

@@ -16,7 +16,44 @@ void pliant_part_hosts_release(part_hosts *hosts)
 {
     if (!hosts || --hosts->holders > 0) return;
     pliant_free(hosts->box);
+    pliant_free(hosts->cube_start);
+    pliant_free(hosts->of_cube);
     pliant_free(hosts);
+}
+
+/* Each time a box is in a cube: counted, then listed. start: (cubes + 2) */
+static void go_through(part_hosts *hosts, const pliant_voxels *voxels, bool lists)
+{
+    int32_t at[3], low[3], high[3], *start = hosts->cube_start;
+    for (int32_t t = 0; t < voxels->num_tets; t++) {
+        const part_box *box = hosts->box + t;
+        for (int d = 0; d < 3; d++) {
+            low[d] = box->low[d] / PART_CUBE;
+            high[d] = (box->low[d] + box->size[d] - 1) / PART_CUBE;
+        }
+        for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+            for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+                for (at[0] = low[0]; at[0] <= high[0]; at[0]++) {
+                    const int32_t cube = part_index_of(hosts->cubes, at);
+                    if (lists) hosts->of_cube[start[cube + 1]++] = t;
+                    else start[cube + 2]++;
+                }
+    }
+}
+
+static bool fill_cubes(part_hosts *hosts, const pliant_voxels *voxels)
+{
+    size_t cubes = 1;
+    for (int d = 0; d < 3; d++) {
+        hosts->cubes[d] = (voxels->geometry.size[d] - 1) / PART_CUBE + 1;
+        cubes *= (size_t)hosts->cubes[d];
+    }
+    if (!(hosts->cube_start = pliant_calloc(cubes + 2, sizeof *hosts->cube_start))) return false;
+    go_through(hosts, voxels, false);
+    for (size_t c = 0; c < cubes; c++) hosts->cube_start[c + 2] += hosts->cube_start[c + 1];
+    if (!(hosts->of_cube = pliant_calloc((size_t)hosts->cube_start[cubes + 1] + 1, sizeof *hosts->of_cube))) return false;
+    go_through(hosts, voxels, true);
+    return true;
 }
 
 pliant_status pliant_part_hosts_find(const part_maker *work, const pliant_parts *before, part_hosts **out)
@@ -33,6 +70,10 @@ pliant_status pliant_part_hosts_find(const part_maker *work, const pliant_parts 
     }
     made->holders = 1;
     for (int32_t t = 0; t < work->voxels->num_tets; t++) pliant_parts_box(work, t, made->box + t);
+    if (!fill_cubes(made, work->voxels)) {
+        pliant_part_hosts_release(made);
+        return pliant_parts_no_memory();
+    }
     *out = made;
     return PLIANT_OK;
 }

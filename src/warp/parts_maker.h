@@ -47,12 +47,13 @@ typedef struct part_maker {
     part_list carriers, labels, guests;
 } part_maker;
 
-/* Where a body differs from the one before. */
+/* Where a body differs from the one before, by regions of so many voxels along each axis. */
+enum { PART_REGION = 4 };
 typedef struct part_changes {
     int32_t regions[3];
     uint8_t *other;                /* (regions) of some voxels along each axis: links, carriers or nodes differ there */
     int32_t low[3], high[3];       /* regions that differ lie within */
-    uint8_t *listed;               /* (tetrahedra at load) its list of fragments differs */
+    int32_t num_listed, *listed;   /* tetrahedra at load whose list of fragments differs, ascending */
 } part_changes;
 
 /* Corners of guests lie so much further out, of the way from their middle: where they meet others, rounding leaves no gap. */
@@ -105,8 +106,10 @@ pliant_status pliant_part_pool_find(const pliant_parts *before, size_t live, siz
 /* parts_before.c: finds where another body differs; out is the caller's to free */
 pliant_status pliant_parts_compare(const part_maker *work, const pliant_body *body_before, const part_hosts *hosts, part_changes *out);
 void pliant_part_changes_free(part_changes *changes);
-/* whether the parts of a tetrahedron may be others now; @param by_node: they were by nodes before */
-bool pliant_parts_differ(const part_changes *changes, int32_t tet, const part_box *box, bool by_node);
+/* whether the parts of a tetrahedron that is not listed may be others now; @param by_node: they were by nodes before */
+bool pliant_parts_differ(const part_changes *changes, const part_box *box, bool by_node);
+/* whether anything in one of the hosts' cubes does */
+bool pliant_parts_differ_in(const part_changes *changes, const int32_t cube[3]);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,7 @@
 /* From one body to the next: what stays is not drawn again. */
 #include "base/fail.h"
 #include "base/room.h"
+#include "body/parts.h"
 #include "pliant/memory.h"
 #include "warp/state.h"
 
@@ -20,8 +21,7 @@ struct pliant_warp_next {
     int32_t *guest_fixed;      /* (guests x 12) */
     raster_tet *guest_tets;    /* (guests) */
     pliant_warp_changes changes;
-    int32_t *from;             /* these are theirs */
-    uint8_t *gone;
+    uint8_t *left;             /* (elements of before - common) 1: goes on */
     const pliant_warp_device *device;
     void *device_next;
 };
@@ -37,8 +37,10 @@ void pliant_warp_next_free(pliant_warp_next *next)
     for (int a = 0; a < NUM_ARRAYS; a++) pliant_free(next->longer[a]);
     pliant_free(next->guest_fixed);
     pliant_free(next->guest_tets);
-    pliant_free(next->from);
-    pliant_free(next->gone);
+    pliant_free(next->changes.anew);
+    pliant_free(next->changes.from);
+    pliant_free(next->changes.gone);
+    pliant_free(next->left);
     if (next->device_next) next->device->drop(next->device_next);
     pliant_free(next);
 }
@@ -126,49 +128,94 @@ static bool differs(const pliant_warp *warp, const pliant_warp_next *next, int32
 static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
 {
     const pliant_parts *old = warp->parts, *now = next->parts;
+    const pliant_warp_changes *changes = &next->changes;
     const int32_t before = warp->mesh->num_tets, first = next->mesh->num_tets;
     int32_t from = 0;
     for (int32_t g = 0; now && g < now->num_guests; g++) {
         const part_guest *guest = &now->guests[g];
         for (int n = 0; n < 12; n++) next->guest_fixed[12 * g + n] = nowhere;
-        next->from[first + g] = -1;
         while (old && from < old->num_guests && old->guests[from].host < guest->host) from++;
         for (int32_t o = from; old && o < old->num_guests && old->guests[o].host == guest->host; o++) {
             const int32_t host = guest->host;
             if (old->guests[o].carrier != guest->carrier || !pliant_parts_same(old, box_of(old, host), now, box_of(now, host))) continue;
             memcpy(next->guest_fixed + 12 * g, warp->guest_fixed + 12 * o, 12 * sizeof *next->guest_fixed);
             next->guest_tets[g] = warp->tets[before + o];
-            next->from[first + g] = before + o;
-            next->gone[before + o] = 0;
+            changes->from[first + g - changes->common] = before + o;
+            next->left[before + o - changes->common] = 1;
         }
     }
 }
 
-static void find_changes(const pliant_warp *warp, pliant_warp_next *next)
+static int32_t count_fragments(const pliant_body *body, int32_t host)
 {
-    const int32_t before = warp->mesh->num_tets, now = next->mesh->num_tets;
+    const int32_t at = body->cuts ? place_of(body->cuts->tet, body->cuts->num_tets, host) : -1;
+    return at < 0 ? 1 : body->cuts->start[at + 1] - body->cuts->start[at];
+}
+
+/* the fragments of a tetrahedron at load that are common to both bodies; returns how many */
+static int32_t list_fragments(const pliant_body *body, int32_t host, int32_t common, int32_t *out)
+{
+    const pliant_cuts *cuts = body->cuts;
+    const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, host) : -1, count = at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
+    const int32_t *list = at < 0 ? &host : cuts->fragment + cuts->start[at];
+    int32_t listed = 0;
+    for (int32_t f = 0; f < count; f++)
+        if (list[f] < common) out[listed++] = list[f];
+    return listed;
+}
+
+/* Tetrahedra of both bodies that may be drawn otherwise: what the next body lists, and where there are other parts; of any other body, all.
+ * NULL: no memory */
+static int32_t *list_doubtful(const pliant_warp *warp, const pliant_warp_next *next, int32_t *count)
+{
     const pliant_body_changes *changes = &next->body->changes;
-    const bool listed = is_next(warp, next->body);
-    memset(next->gone, 1, (size_t)warp->num_elements);
-    for (int32_t t = 0, i = 0; t < now; t++) {
-        while (listed && i < changes->num_touched && changes->touched[i] < t) i++;
-        const bool may = !listed || (i < changes->num_touched && changes->touched[i] == t);
-        const bool parted = t < before && (box_of(warp->parts, t) >= 0 || box_of(next->parts, t) >= 0);
-        next->from[t] = t < before && !((may || parted) && differs(warp, next, t)) ? t : -1;
-        if (next->from[t] >= 0) next->gone[t] = 0;
+    const pliant_parts *parts = next->parts;
+    const int32_t common = next->changes.common, hosts = parts ? parts->num_other : 0;
+    const bool listed = is_next(warp, next->body) && (parts || !warp->parts);
+    size_t most = listed ? (size_t)changes->num_touched : (size_t)common;
+    for (int32_t i = 0; listed && i < hosts; i++) most += (size_t)count_fragments(warp->body, parts->other[i]) + (size_t)count_fragments(next->body, parts->other[i]);
+    int32_t *list = pliant_room(most + 1, sizeof *list);
+    *count = 0;
+    for (int32_t t = 0; list && !listed && t < common; t++) list[(*count)++] = t;
+    if (!list || !listed) return list;
+    for (int32_t i = 0; i < changes->num_touched; i++) list[(*count)++] = changes->touched[i];
+    for (int32_t i = 0; i < hosts; i++) {
+        *count += list_fragments(warp->body, parts->other[i], common, list + *count);
+        *count += list_fragments(next->body, parts->other[i], common, list + *count);
     }
+    if (*count > 0) *count = sort_once(list, *count);
+    return list;
+}
+
+static bool find_changes(const pliant_warp *warp, pliant_warp_next *next)
+{
+    pliant_warp_changes *changes = &next->changes;
+    const int32_t common = changes->common;
+    if (!(changes->anew = list_doubtful(warp, next, &changes->num_anew))) return false;
+    int32_t kept = 0;
+    for (int32_t i = 0; i < changes->num_anew; i++)
+        if (differs(warp, next, changes->anew[i])) changes->anew[kept++] = changes->anew[i];
+    changes->num_anew = kept;
+    for (int32_t e = common; e < changes->now; e++) changes->from[e - common] = -1;
     carry_guests(warp, next);
+    if (!(changes->gone = pliant_calloc((size_t)kept + (size_t)(changes->before - common) + 1, sizeof *changes->gone))) return false;
+    memcpy(changes->gone, changes->anew, (size_t)kept * sizeof *changes->gone);
+    changes->num_gone = kept;
+    for (int32_t e = common; e < changes->before; e++)
+        if (!next->left[e - common]) changes->gone[changes->num_gone++] = e;
+    return true;
 }
 
 static bool allocate(const pliant_warp *warp, pliant_warp_next *next)
 {
     const size_t guests = next->parts ? (size_t)next->parts->num_guests : 0, elements = (size_t)next->mesh->num_tets + guests;
+    const int32_t common = warp->mesh->num_tets < next->mesh->num_tets ? warp->mesh->num_tets : next->mesh->num_tets;
+    next->changes = (pliant_warp_changes){.before = warp->num_elements, .now = (int32_t)elements, .common = common};
     next->guest_fixed = pliant_calloc(guests + 1, 12 * sizeof *next->guest_fixed);
     next->guest_tets = pliant_calloc(guests + 1, sizeof *next->guest_tets);
-    next->from = pliant_calloc(elements, sizeof *next->from);
-    next->gone = pliant_calloc((size_t)warp->num_elements, sizeof *next->gone);
-    next->changes = (pliant_warp_changes){warp->num_elements, (int32_t)elements, next->from, next->gone};
-    return next->guest_fixed && next->guest_tets && next->from && next->gone;
+    next->changes.from = pliant_calloc(elements - (size_t)common + 1, sizeof *next->changes.from);
+    next->left = pliant_calloc((size_t)(warp->num_elements - common) + 1, sizeof *next->left);
+    return next->guest_fixed && next->guest_tets && next->changes.from && next->left;
 }
 
 static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t node, double *rest)
@@ -187,6 +234,7 @@ static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
     parts.mesh = next->mesh;
     parts.rest = rest;
     parts.parts = next->parts;
+    parts.rest_known = known;
     if (next->fit) parts.fit = pliant_fit_parts(next->fit);
     next->device = warp->device;
     pliant_status status = warp->device->prepare(warp->accelerated, &parts, &next->changes, &next->device_next);
@@ -213,7 +261,7 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     if (status == PLIANT_OK && warp->fit && !next->parts) status = pliant_parts_whole(body, &warp->scan, &next->parts);
     if (status == PLIANT_OK && (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
         status = pliant_fail_memory("the warp");
-    if (status == PLIANT_OK) find_changes(warp, next);
+    if (status == PLIANT_OK && !find_changes(warp, next)) status = pliant_fail_memory("the warp");
     if (status == PLIANT_OK && warp->fit) status = prepare_fit(warp, next);
     if (status == PLIANT_OK && warp->accelerated) status = prepare_device(warp, next);
     if (status != PLIANT_OK) {
@@ -237,16 +285,17 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
 {
     const pliant_mesh *mesh = next->mesh;
     const int32_t guests = next->changes.now - mesh->num_tets;
-    for (int32_t e = 0; e < warp->num_elements; e++)
-        if (next->gone[e]) pliant_warp_leave_bricks(warp, e);
+    const pliant_warp_changes *changes = &next->changes;
+    for (int32_t i = 0; i < changes->num_gone; i++) pliant_warp_leave_bricks(warp, changes->gone[i]);
     take_room(warp, next);
     for (int32_t n = next->load_nodes; n < mesh->num_nodes; n++) {
         if (!is_new(warp, next, n)) continue;
         find_rest(warp, mesh, n, warp->rest);
         for (int d = 0; d < 3; d++) warp->fixed[3 * n + d] = nowhere;
     }
-    for (int32_t e = 0; e < next->changes.now; e++) /* also those that were to be drawn anew, where there was no update since */
-        warp->anew[e] = next->from[e] < 0 || (e < mesh->num_tets && warp->anew[e]);
+    for (int32_t i = 0; i < changes->num_anew; i++) warp->anew[changes->anew[i]] = 1; /* beside those that were to be, where there was no update since */
+    for (int32_t e = changes->common; e < changes->now; e++)
+        warp->anew[e] = changes->from[e - changes->common] < 0 || (e < mesh->num_tets && warp->anew[e]);
     for (int32_t t = warp->mesh->num_tets; t < mesh->num_tets; t++) memset(&warp->tets[t], 0, sizeof warp->tets[t]);
     memcpy(warp->tets + mesh->num_tets, next->guest_tets, (size_t)guests * sizeof *warp->tets);
     warp->mesh = mesh;

@@ -468,7 +468,7 @@ pliant_status pliant_warp_nearest(pliant_warp *warp)
 pliant_warp_parts pliant_warp_device_parts(pliant_warp *warp)
 {
     return (pliant_warp_parts){warp->mesh,    &warp->grid,   &warp->source, warp->rest, &warp->volume,
-                               warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL, warp->parts};
+                               warp->changed, warp->seconds, warp->fit ? pliant_fit_parts(warp->fit) : NULL, warp->parts, 0};
 }
 
 pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice)

@@ -2,10 +2,11 @@
 // places of the tissue, each followed by an undo of every fourth, a step of every eighth. CPU time of a cut (the process, without the steps) and
 // what is held, after 10, 100, 1000 cuts and so on.
 //
-//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [group/name=value ...]
+//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3] [busy=0] [group/name=value ...]
 //
 // length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume. stages=1: what each part of a cut
-// takes of the clock, and the frame after it; no undo, a step after each.
+// takes of the clock, and the frame after it; no undo, a step after each, and so many other frames; frames=0: no step either. busy=1: of the
+// process's own time, for one thread on a machine that others use.
 #include "frames.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/discretization.h"
@@ -75,8 +76,15 @@ void slit(const pliant_data *data, double length, std::mt19937 &random, double p
     }
 }
 
+bool busy = false;
+
 double milliseconds(const std::function<void()> &what)
 {
+    if (busy) {
+        const double start = cpu();
+        what();
+        return cpu() - start;
+    }
     const auto start = std::chrono::steady_clock::now();
     what();
     return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -97,7 +105,7 @@ std::vector<double> sampled(const double points[6], const double by[3], double s
 // What a cut is made of: each part once more by itself, thrown away, then all of it.
 enum Part { LINKS, BODY, MAP, DISCRETIZATION, SOLVER, WARP, SET_BODY, STEP, USUAL, NUM_PARTS };
 
-void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], std::vector<double> took[NUM_PARTS])
+void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], bool steps, std::vector<double> took[NUM_PARTS])
 {
     const double none[3] = {0, 0, 0}, *size = model->scan->geometry.spacing, spacing = 0.5 * std::min(size[0], std::min(size[1], size[2]));
     const std::vector<double> from = sampled(points, none, spacing), to = sampled(points, depth, spacing);
@@ -127,10 +135,10 @@ void cut_by_parts(const pliant_model *model, pliant_data *data, const double poi
     pliant_body_map_free(&map);
     took[SET_BODY].push_back(milliseconds([&] { check(pliant_data_set_body(model, data, next)); }));
     pliant_body_release(next);
-    took[STEP].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
+    if (steps) took[STEP].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
 }
 
-void by_parts(const pliant_model *model, pliant_data *data, double length, int cuts)
+void by_parts(const pliant_model *model, pliant_data *data, double length, int cuts, int frames)
 {
     static const char *const names[NUM_PARTS] = {"links severed", "fragments and next body", "map of bodies", "discretization", "solver", "warp", "pliant_data_set_body", "frame after it", "other frames"};
     std::vector<double> took[NUM_PARTS];
@@ -138,22 +146,23 @@ void by_parts(const pliant_model *model, pliant_data *data, double length, int c
     for (int c = 0; c < cuts; c++) {
         double points[6], depth[3];
         slit(data, length, random, points, depth);
-        cut_by_parts(model, data, points, depth, took);
-        for (int f = 0; f < 3; f++) {
+        cut_by_parts(model, data, points, depth, frames > 0, took);
+        for (int f = 0; f < frames; f++) {
             const double gravity[3] = {0.2 * (c % 2), 9.81, 0.1 * f};
             check(pliant_data_set_gravity(data, gravity));
             took[USUAL].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
         }
     }
-    std::printf("%s, %d tetrahedra, %d nodes; [ms] of the clock: median, worst of %zu\n", pliant_data_get_backend(data), data->body->fine.num_tets, data->body->fine.num_nodes, took[SET_BODY].size());
-    for (int p = 0; p < NUM_PARTS; p++) std::printf("  %-24s %8.3f %8.3f\n", names[p], quantile(took[p], 0.5), quantile(took[p], 1));
+    std::printf("%s, %d tetrahedra, %d nodes; [ms] of the %s: median, worst of %zu\n", pliant_data_get_backend(data), data->body->fine.num_tets, data->body->fine.num_nodes, busy ? "process" : "clock", took[SET_BODY].size());
+    for (int p = 0; p < NUM_PARTS; p++)
+        if (!took[p].empty()) std::printf("  %-24s %8.3f %8.3f\n", names[p], quantile(took[p], 0.5), quantile(took[p], 1));
 }
 
 } // namespace
 
 int main(int argc, char **argv)
 {
-    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}, {"stages", 0}};
+    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}, {"stages", 0}, {"frames", 3}, {"busy", 0}};
     const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
     pliant_scene scene;
     pliant_volume volume{};
@@ -176,6 +185,7 @@ int main(int argc, char **argv)
         else check(pliant_scene_set(&scene, name.c_str(), value));
     }
     check(pliant_inputs_read(&scene, scan.c_str(), &volume, &organs, &materials));
+    busy = with["busy"] > 0;
     pliant_model *model = nullptr;
     pliant_data *data = nullptr;
     check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
@@ -190,7 +200,7 @@ int main(int argc, char **argv)
     std::vector<double> last;
     const int cuts = with["stages"] > 0 ? 0 : int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]), reset = int(with["reset"]);
     int next = 10;
-    if (with["stages"] > 0) by_parts(model, data, with["length"], int(with["cuts"]));
+    if (with["stages"] > 0) by_parts(model, data, with["length"], int(with["cuts"]), int(with["frames"]));
     else std::printf("   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
     for (int c = 1; c <= cuts; c++) {
         double points[6], depth[3];

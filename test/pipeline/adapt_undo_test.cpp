@@ -1,40 +1,42 @@
-// Bodies that follow one another: how coarse ones nest, the way back, what is refused, and simulations that share a model.
+// Bodies that follow one another: what coarse elements become, the way back, what is refused, and simulations that share a model.
 #include "adapt_cases.h"
 
 namespace {
 
-// A plane through coarse tetrahedra: they fall into fragments, which hang together as the fine mesh does.
-TEST(Adapt, FragmentsOfCoarseTetrahedraNest)
+// A plane through coarse elements: there they are the fine mesh's, of which none is of both sides, and elsewhere, to the bit, what they were at load.
+TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
 {
     const double x = 0.06;
-    for (const Case *each : {&plain, &averaged}) {
+    for (const Case *each : {&plain, &averaged, &averaged_hexahedra}) {
         std::unique_ptr<Body> body = make(*each), fine = make(direct);
         for (double &g : body->scene.model.gravity) g = 0;
         ASSERT_EQ(body->build(), PLIANT_OK);
         cut(*body, x);
-        const pliant_body *now = body->data->body, *load = body->model->body;
-        EXPECT_GT(now->coarse.num_tets, load->coarse.num_tets);
-        EXPECT_EQ(now->coarse.num_tets - load->coarse.num_tets, std::count_if(now->changes.touched_coarse, now->changes.touched_coarse + now->changes.num_touched_coarse, [&](int32_t t) {
-            bool left = false, right = false;
-            for (int v = 0; v < 4; v++) (load->coarse.rest[3 * load->coarse.tets[4 * t + v]] < x ? left : right) = true;
-            return left && right;
-        }));
-        // no node, fine or coarse, is of both sides
-        for (int c = 0; c < 2; c++) {
-            const pliant_mesh &mesh = c ? now->coarse : now->fine;
-            std::vector<int> sides(static_cast<size_t>(mesh.num_nodes));
-            for (int32_t t = 0; t < now->fine.num_tets; t++) {
-                double centre = 0;
-                for (int v = 0; v < 4; v++) centre += now->fine.rest[3 * now->fine.tets[4 * t + v]] / 4;
-                for (int v = 0; v < 4; v++) sides[mesh.tets[4 * (c ? now->coarse_of_fine[t] : t) + v]] |= centre < x ? 1 : 2;
+        const pliant_system *system = body->data->discretization->system, *load = body->model->system;
+        const pliant_macros *macros = system->macros;
+        const int32_t coarse = system->graded->coarse_nodes;
+        EXPECT_EQ(coarse, load->mesh->num_nodes);
+        std::map<std::vector<int32_t>, const float *> roots; // of elements at load
+        for (int32_t e = 0; load->macros && e < load->macros->count; e++)
+            roots[{load->macros->node + load->macros->start[e], load->macros->node + load->macros->start[e + 1]}] = load->macros->root[e];
+        int32_t kept = 0, between = 0;
+        for (int32_t e = 0; e < macros->count; e++) {
+            const int32_t begin = macros->start[e], corners = macros->start[e + 1] - begin;
+            bool sides[2] = {false, false}, of_fine = false, of_coarse = false;
+            for (int32_t c = begin; c < begin + corners; c++) {
+                const double *rest = system->mesh->rest + 3 * macros->node[c];
+                if (std::fabs(rest[0] - x) > 1e-9) sides[rest[0] > x] = true;
+                (macros->node[c] < coarse ? of_coarse : of_fine) = true;
             }
-            EXPECT_EQ(std::count(sides.begin(), sides.end(), 3), 0);
-            EXPECT_EQ(std::count(sides.begin(), sides.end(), 0), 0);
+            if (macros->rank[e] > 0) EXPECT_FALSE(sides[0] && sides[1]) << each->name;
+            between += of_fine && of_coarse;
+            if (of_fine || !load->macros) continue;
+            const float *was = roots.at({macros->node + begin, macros->node + begin + corners});
+            EXPECT_TRUE(std::equal(was, was + 3 * corners * macros->rank[e], macros->root[e])) << each->name;
+            kept++;
         }
-        for (int32_t n = 0; n < now->coarse.num_nodes; n++) {
-            int32_t node = now->fine_of_coarse[n];
-            for (int d = 0; d < 3 && node >= 0; d++) EXPECT_NEAR(now->fine.rest[3 * node + d], now->coarse.rest[3 * n + d], 1e-12);
-        }
+        EXPECT_GT(between, 0);
+        EXPECT_GT(kept, load->macros ? 0 : -1);
         // a pull at the right part does not reach the left one, and moves its own as far as on the fine mesh, as far as coarse elements can
         double moved[2] = {0, 0};
         for (Body *one : {body.get(), fine.get()}) {

@@ -57,25 +57,26 @@ void circle_moves(double power, double force, double a, double nu, const double 
 }
 
 // Points that push, slide and lift off at random, some of them twice over: the conditions hold, and it takes few steps and sweeps.
-TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
-{
-    std::mt19937 random(3);
-    std::normal_distribution<double> normal;
-    const int count = 20, rows = 3 * count, inner = 70;
-    int32_t sweeps = 0;
-    for (int trial = 0; trial < 20; trial++) {
-        std::vector<double> shares(rows * inner), matrix(rows * rows), friction(count), start(rows), force(rows), room(PLIANT_CONE_ROOM * rows + PLIANT_CONE_EQUATIONS);
-        for (double &share : shares) share = normal(random);
-        for (int i = 0; i < 3 * inner; i++) shares[3 * inner + i] = shares[i]; // the second point is the first
+// Points whose motions by forces are shares of `inner` waves: A = shares shares'.
+struct Cones {
+    Cones(int points, int waves)
+        : count(points), rows(3 * points), inner(waves), shares(rows * inner), matrix(rows * rows), friction(points, 0.3), start(rows), force(rows)
+    {
+    }
+    // Returns the steps and sweeps that it took.
+    int32_t solve()
+    {
+        std::vector<double> room(PLIANT_CONE_ROOM * rows + PLIANT_CONE_EQUATIONS);
         for (int a = 0; a < rows; a++)
-            for (int b = 0; b < rows; b++)
-                for (int k = 0; k < inner; k++) matrix[a * rows + b] += shares[a * inner + k] * shares[b * inner + k] * std::exp(-0.05 * k);
-        for (int p = 0; p < count; p++) friction[p] = p % 5 == 4 ? PLIANT_CONE_HELD : 0.3;
-        friction[1] = friction[0];
-        for (double &v : start) v = normal(random);
-        for (int k = 0; k < 3; k++) start[3 + k] = start[k];
-        std::vector<double> motion = start;
-        sweeps += pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), room.data());
+            for (int b = 0; b < rows; b++) {
+                matrix[a * rows + b] = 0;
+                for (int k = 0; k < inner; k++) matrix[a * rows + b] += shares[a * inner + k] * shares[b * inner + k];
+            }
+        motion = start;
+        return pliant_cones_solve(count, matrix.data(), friction.data(), motion.data(), force.data(), room.data());
+    }
+    void expect_right() const
+    {
         double largest = 0;
         for (double f : force) largest = std::fmax(largest, std::fabs(f));
         for (int i = 0; i < rows; i++) {
@@ -97,7 +98,72 @@ TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
             else if (f[0] > 1e-6 * largest && speed > 1e-4) EXPECT_LT(f[1] * v[1] + f[2] * v[2], -0.999 * slide * speed);
         }
     }
+    int count, rows, inner;
+    std::vector<double> shares, matrix, friction, start, force, motion;
+};
+
+TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
+{
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal;
+    int32_t sweeps = 0;
+    for (int trial = 0; trial < 20; trial++) {
+        Cones cones(20, 70);
+        for (double &share : cones.shares) share = normal(random);
+        for (int i = 0; i < 3 * cones.inner; i++) cones.shares[3 * cones.inner + i] = cones.shares[i]; // the second point is the first
+        for (int i = 0; i < cones.rows * cones.inner; i++) cones.shares[i] *= std::exp(-0.025 * (i % cones.inner));
+        for (int p = 4; p < cones.count; p += 5) cones.friction[p] = PLIANT_CONE_HELD;
+        for (double &v : cones.start) v = normal(random);
+        for (int k = 0; k < 3; k++) cones.start[3 + k] = cones.start[k];
+        sweeps += cones.solve();
+        cones.expect_right();
+    }
     EXPECT_LT(sweeps, 20 * 9); // 370 without Newton's method
+}
+
+// Nodes, edges and triangles of a curved patch that is pressed and turned at once, from no forces: those of one triangle say nearly the same.
+TEST(Cones, PointsOfTheSameTriangles)
+{
+    enum { SIDE = 4 };
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> any(-1, 1);
+    int32_t steps = 0;
+    for (int trial = 0; trial < 20; trial++) {
+        std::vector<std::vector<std::pair<int, double>>> points; // nodes and their weights
+        double at[SIDE * SIDE][3];
+        for (int n = 0; n < SIDE * SIDE; n++) {
+            const double place[3] = {n % SIDE + 0.3 * any(random), n / SIDE + 0.3 * any(random), 0.1 * any(random)};
+            std::copy(place, place + 3, at[n]);
+            points.push_back({{n, 1}});
+        }
+        for (int n = 0; n < SIDE * (SIDE - 1); n++) {
+            if (n % SIDE == SIDE - 1) continue;
+            const double weight = 0.5 + 0.3 * any(random);
+            points.push_back({{n, weight}, {n + 1 + SIDE, 1 - weight}});
+            points.push_back({{n, 1.0 / 3}, {n + 1, 1.0 / 3}, {n + 1 + SIDE, 1.0 / 3}});
+        }
+        Cones cones(int(points.size()), 80);
+        for (int k = 0; k < cones.inner; k++) {
+            const double wave[2] = {2.5 * any(random), 2.5 * any(random)}, phase = 3 * any(random), fine = std::exp(-0.4 * (wave[0] * wave[0] + wave[1] * wave[1]));
+            const double along[3] = {any(random), any(random), any(random)};
+            for (int r = 0; r < cones.rows; r++)
+                for (const auto &node : points[r / 3])
+                    cones.shares[r * cones.inner + k] += node.second * along[r % 3] * fine * std::cos(wave[0] * at[node.first][0] + wave[1] * at[node.first][1] + phase);
+        }
+        const double middle[2] = {1.5 + any(random), 1.5 + any(random)}, goes[2] = {0.5 * any(random), 0.5 * any(random)};
+        for (int p = 0; p < cones.count; p++) {
+            double x[3] = {0, 0, 0};
+            for (const auto &node : points[p])
+                for (int d = 0; d < 3; d++) x[d] += node.second * at[node.first][d];
+            const double apart[2] = {x[0] - middle[0], x[1] - middle[1]};
+            cones.friction[p] = 0.5;
+            cones.start[3 * p] = x[2] - 0.8 + 0.3 * (apart[0] * apart[0] + apart[1] * apart[1]);
+            for (int k = 0; k < 2; k++) cones.start[3 * p + 1 + k] = goes[k] - 0.3 * apart[k];
+        }
+        steps += cones.solve();
+        cones.expect_right();
+    }
+    EXPECT_LT(steps, 20 * 10); // 257 without sweeps first and steps that are damped
 }
 
 // Cut out of a half-space: its sides and bottom stand where the half-space is that is pressed.
@@ -460,6 +526,51 @@ TEST(ContactSolver, FailingAllocationsChangeNothing)
         results[run].assign(block.data->positions, block.data->positions + 3 * block.model->body->fine.num_nodes);
     }
     EXPECT_EQ(results[0], results[1]);
+}
+
+// A pad with corners that is pressed and drawn aside: where it lies flat, or an edge of it on a triangle, nothing hangs on rounding.
+struct Pad : Body {
+    double at[3];
+    int tool = -1;
+    Pad(double x, double z) : Body(std::vector<int>{12, 8, 5}.data(), std::vector<double>{0.12, 0.08, 0.05}.data(), {{10e3, 0.4, 1000, false}}), at{x, 0.0393, z}
+    {
+        fix_plane(0, 0, 1e-6, 0, 0, 1);
+        cells(12, 8, 5, 1);
+        scene.contact.friction = 0.2;
+        scene.solver.iterations = 400;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        pliant_tool_shape shape{};
+        shape.num_parts = 1;
+        shape.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.017, -0.013, 0}, {0.017, 0.013, 0.008}, 0, false};
+        EXPECT_EQ(pliant_tool_add(model, data, "pad", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
+    }
+    void step(double x, double z, double force[3])
+    {
+        at[0] += x;
+        at[2] += z;
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, at, nullptr), PLIANT_OK);
+        EXPECT_GE(pliant_step(model, data), PLIANT_OK);
+        Toucher::force(data, force);
+    }
+};
+
+TEST(ContactSolver, APadThatIsAHairAsideHasTheSameForce)
+{
+    const double hair = 1e-9;
+    Pad pad(0.0571, 0.05), aside(0.0571 + hair, 0.05), above(0.0571, 0.05 + hair);
+    for (int s = 0; s < 14; s++) {
+        double force[3][3], size = 0, apart[2] = {0, 0};
+        pad.step(s < 8 ? 0 : 1e-3, s < 8 ? -1e-3 : 0, force[0]);
+        aside.step(s < 8 ? 0 : 1e-3, s < 8 ? -1e-3 : 0, force[1]);
+        above.step(s < 8 ? 0 : 1e-3, s < 8 ? -1e-3 : 0, force[2]);
+        for (int d = 0; d < 3; d++) {
+            size = std::hypot(size, force[0][d]);
+            for (int k : {0, 1}) apart[k] = std::hypot(apart[k], force[k + 1][d] - force[0][d]);
+        }
+        EXPECT_GT(size, 0.1);
+        for (double difference : apart) EXPECT_LT(difference, 1e-3 * size) << s;
+    }
 }
 
 } // namespace

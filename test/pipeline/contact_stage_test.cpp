@@ -1,190 +1,51 @@
 // The stage of a step that finds where instruments touch: whatever they do, nothing passes, nothing explodes, and it costs nothing where nothing can touch.
-#include "body.h"
-#include "contact/shapes.h"
 #include "pliant/memory.h"
+#include "sheet.h"
 #include "sim/contact.h"
 #include "solids.h"
 
-#include <cstdlib>
 #include <fstream>
-#include <random>
 
 namespace {
 
-// A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
-struct Sheet : Body {
-    explicit Sheet(int threads = 2, double friction = 0.08) : Body(size, box, {{4000, 0.4, 1000, false}})
-    {
-        fix_plane(0.001, 0, 0, 1, 0, 0);
-        fix_plane(0.059, 0, 0, -1, 0, 0);
-        cells(6, 6, 1, 1);
-        scene.solver.threads = threads;
-        scene.solver.iterations = 30;
-        scene.solver.tolerance = 1e-4;
-        scene.contact.friction = friction;
-        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
-    }
-    int add(const char *name, const pliant_tool_shape &shape, double x, double y, double z)
-    {
-        int tool = -1;
-        const double tip[3] = {x, y, z};
-        EXPECT_EQ(pliant_tool_add(model, data, name, &tool), PLIANT_OK);
-        EXPECT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
-        return tool;
-    }
-    void move(int tool, double x, double y, double z, const double *rotation = nullptr)
-    {
-        const double tip[3] = {x, y, z};
-        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, rotation), PLIANT_OK);
-    }
-    // of any node from where it rests; NAN: a position is none
-    double farthest() const
-    {
-        double most = 0;
-        const pliant_mesh &fine = model->body->fine;
-        for (int32_t n = 0; n < 3 * fine.num_nodes; n++) {
-            if (!std::isfinite(data->positions[n])) return NAN;
-            most = std::fmax(most, std::fabs(data->positions[n] - fine.rest[n]));
-        }
-        return most;
-    }
-    // the deepest that a node is in a tool
-    double deepest(int index) const
-    {
-        const pliant_tool &tool = data->tools[index];
-        double least = 0;
-        for (int32_t p = 0; p < tool.shape.num_parts; p++) {
-            pliant_pose pose;
-            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.tip, tool.rotation, tool.jaw, &pose);
-            for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
-                double local[3], normal[3];
-                pliant_pose_from(&pose, data->positions + 3 * n, local);
-                least = std::fmin(least, pliant_part_distance(&tool.shape.part[p], local, normal));
-            }
-        }
-        return -least;
-    }
-
-    // the same of its triangles
-    double deepest_of_surface(int index) const
-    {
-        enum { PARTS = 16 };
-        const pliant_tool &tool = data->tools[index];
-        const pliant_body *body = data->body;
-        double least = 0;
-        pliant_pose pose;
-        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
-        for (int32_t t = 0; t < body->num_triangles; t++)
-            for (int i = 0; i <= PARTS; i++)
-                for (int j = 0; i + j <= PARTS; j++) {
-                    const int weight[3] = {i, j, PARTS - i - j};
-                    double at[3] = {0, 0, 0}, local[3], normal[3];
-                    for (int c = 0; c < 9; c++) at[c % 3] += weight[c / 3] * data->positions[3 * body->triangles[3 * t + c / 3] + c % 3] / PARTS;
-                    pliant_pose_from(&pose, at, local);
-                    least = std::fmin(least, pliant_part_distance(&tool.shape.part[0], local, normal));
-                }
-        return -least;
-    }
-    // points along the middle of a tool's only part that lie in tissue
-    int middles_inside(int index) const
-    {
-        enum { POINTS = 200 };
-        const pliant_tool &tool = data->tools[index];
-        const pliant_part &part = tool.shape.part[0];
-        const pliant_mesh &fine = data->body->fine;
-        pliant_pose pose;
-        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
-        int inside = 0;
-        for (int p = 0; p <= POINTS; p++) {
-            double local[3], at[3];
-            for (int d = 0; d < 3; d++) {
-                const bool solid = part.kind == PLIANT_PART_SOLID, box = part.kind == PLIANT_PART_BOX;
-                const double from = box && d < 2 ? 0.5 * (part.from[d] + part.to[d]) : part.from[d], to = box && d < 2 ? from : solid ? (d == 2 ? 0.02 : 0) : part.to[d];
-                local[d] = from + (to - from) * (p + 2) / (POINTS + 4); // not in its ends
-            }
-            pliant_pose_to(&pose, local, at);
-            for (int32_t t = 0; t < fine.num_tets; t++) {
-                const int32_t *node = fine.tets + 4 * t;
-                double edge[3][3], to[3];
-                for (int d = 0; d < 3; d++) {
-                    for (int v = 0; v < 3; v++) edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
-                    to[d] = at[d] - data->positions[3 * node[0] + d];
-                }
-                const auto triple = [](const double *a, const double *b, const double *c) {
-                    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
-                };
-                const double whole = triple(edge[0], edge[1], edge[2]), a = triple(to, edge[1], edge[2]) / whole, b = triple(edge[0], to, edge[2]) / whole,
-                             c = triple(edge[0], edge[1], to) / whole;
-                if (whole > 0 && a > 0 && b > 0 && c > 0 && a + b + c < 1) {
-                    inside++;
-                    break;
-                }
-            }
-        }
-        return inside;
-    }
-
-private:
-    static constexpr int size[3] = {12, 12, 2};
-    static constexpr double box[3] = {0.06, 0.06, 0.004};
-};
-constexpr int Sheet::size[3];
-constexpr double Sheet::box[3];
-
-// along y, across the sheet
-pliant_tool_shape rod(double radius, double length = 0.1)
-{
-    pliant_tool_shape shape{};
-    shape.num_parts = 1;
-    shape.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.5 * length, 0}, {0, 0.5 * length, 0}, radius, false};
-    return shape;
-}
-
-pliant_tool_shape ball(double radius)
-{
-    pliant_tool_shape shape{};
-    shape.num_parts = 1;
-    shape.part[0] = {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false};
-    return shape;
-}
-
 // Tissue ends half way up the highest cubes, where a plate meets it: nothing is felt before, and then what a mesh
 // feels whose cubes end there.
-TEST(ContactStage, HexahedraAreTouchedWhereTheirTissueEnds)
+TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
 {
     const int size[3] = {16, 16, 16};
     const double box[3] = {0.08, 0.08, 0.08}, top = 0.07;
-    double force[2][2]; // coarse, fine; before, pressed
-    for (int fine = 0; fine < 2; fine++) {
-        Body block(size, box, {{4000, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k < 14 ? 0 : 1; });
-        block.scene.element.kind = PLIANT_HEXAHEDRA;
-        block.cells(fine ? 8 : 4, fine ? 8 : 4, fine ? 8 : 4, 1);
-        block.fix_plane(0, 0, 1e-6, 0, 0, 1);
-        block.scene.solver.iterations = 30;
-        block.scene.solver.tolerance = 1e-4;
-        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
-        pliant_tool_shape plate{};
-        plate.num_parts = 1;
-        plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
-        int tool = -1;
-        double tip[3] = {0.04, 0.04, top + 0.001}, torque[3];
-        ASSERT_EQ(pliant_tool_add(block.model, block.data, "plate", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &plate), PLIANT_OK) << pliant_last_error();
-        for (int pressed = 0; pressed < 2; pressed++) {
-            for (int s = 0; s < (pressed ? 6 : 1); s++) {
-                if (pressed && s < 4) tip[2] -= 0.002;
-                ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
-                ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+    for (const pliant_element_kind kind : {PLIANT_HEXAHEDRA, PLIANT_LINEAR}) {
+        double force[2][2]; // coarse, fine; before, pressed
+        for (int fine = 0; fine < 2; fine++) {
+            Body block(size, box, {{4000, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k < 14 ? 0 : 1; });
+            block.scene.element.kind = kind;
+            block.cells(fine ? 8 : 4, fine ? 8 : 4, fine ? 8 : 4, 1);
+            block.fix_plane(0, 0, 1e-6, 0, 0, 1);
+            block.scene.solver.iterations = 30;
+            block.scene.solver.tolerance = 1e-4;
+            ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+            pliant_tool_shape plate{};
+            plate.num_parts = 1;
+            plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.025, -0.025, 0}, {0.025, 0.025, 0.02}, 0, false};
+            int tool = -1;
+            double tip[3] = {0.04, 0.04, top + 0.001}, torque[3];
+            ASSERT_EQ(pliant_tool_add(block.model, block.data, "plate", &tool), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_shape(block.data, tool, &plate), PLIANT_OK) << pliant_last_error();
+            for (int pressed = 0; pressed < 2; pressed++) {
+                for (int s = 0; s < (pressed ? 6 : 1); s++) {
+                    if (pressed && s < 4) tip[2] -= 0.002;
+                    ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
+                    ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+                }
+                double felt[3];
+                pliant_contact_wrench(block.data, tool, felt, torque);
+                force[fine][pressed] = -felt[2];
             }
-            double felt[3];
-            pliant_contact_wrench(block.data, tool, felt, torque);
-            force[fine][pressed] = -felt[2];
         }
+        std::printf("plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: %.3g N\n", force[0][1], force[1][1], force[0][0]);
+        EXPECT_LT(std::fabs(force[0][0]), 1e-6);
+        EXPECT_NEAR(force[0][1], force[1][1], 0.1 * force[1][1]);
     }
-    std::printf("plate 7 mm into tissue that ends within cubes: %.3f N, cubes that end with it: %.3f N; 1 mm above: %.3g N\n", force[0][1], force[1][1], force[0][0]);
-    EXPECT_LT(std::fabs(force[0][0]), 1e-6);
-    EXPECT_NEAR(force[0][1], force[1][1], 0.1 * force[1][1]);
 }
 
 TEST(ContactStage, CostsNothingWhereNothingCanTouch)
@@ -196,84 +57,6 @@ TEST(ContactStage, CostsNothingWhereNothingCanTouch)
     ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     EXPECT_EQ(sheet.data->contact_search, nullptr);
     EXPECT_EQ(sheet.data->contacts.room, 0);
-}
-
-// A tool that is swept into the sheet at 1 m/s, 20 mm a step, and stops there.
-struct Swept {
-    double deepest, carried; // of points of the surface in the tool; the farthest that a node has gone
-    int inside;              // points of the tool's middle that lie in a tetrahedron
-};
-
-Swept sweep(const pliant_part &part, const double from[3], const double way[3], const double *rotation, double friction)
-{
-    Sheet sheet(1, friction);
-    pliant_tool_shape shape{};
-    shape.num_parts = 1;
-    shape.part[0] = part;
-    const int tool = sheet.add("tool", shape, from[0], from[1], from[2]);
-    const int steps = static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / 0.02));
-    for (int step = 0; step < steps + 4; step++) {
-        const double share = std::min(1.0, static_cast<double>(step) / steps);
-        sheet.move(tool, from[0] + share * way[0], from[1] + share * way[1], from[2] + share * way[2], rotation);
-        EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
-    }
-    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool)};
-}
-
-// A thin and a thick rod carry the sheet along that they would jump over, wherever between its nodes they meet it, and however little holds it on them.
-TEST(ContactStage, ARodAtOneMetreASecondCarriesTheSheetAlong)
-{
-    for (const double radius : {0.0042, 0.0005})
-        for (int place = 0; place < (radius < 0.001 ? 11 : 2); place++) {
-            const double side = place % 2 ? -1 : 1, from[3] = {0.0253 + 0.001 * place, 0.03, side > 0 ? 0.016 + radius : -0.012 - radius}, way[3] = {0, 0, -0.04 * side};
-            const Swept swept = sweep(rod(radius).part[0], from, way, nullptr, place % 3 ? 0.08 : 0.3);
-            EXPECT_GT(swept.carried, 0.024) << radius << " at " << from[0];
-            EXPECT_LT(swept.deepest, 1e-4) << radius << " at " << from[0];
-            EXPECT_EQ(swept.inside, 0) << radius << " at " << from[0];
-        }
-}
-
-// Whatever it is, wherever it goes. PLIANT_SWEEPS: as many, in place of 14.
-TEST(ContactStage, NothingIsSweptThroughTheSheet)
-{
-    const char *const asked = std::getenv("PLIANT_SWEEPS");
-    const int sweeps = asked ? std::atoi(asked) : 14;
-    pliant_solid *solid[2];
-    for (const bool convex : {false, true}) {
-        pliant_solid_options options{};
-        options.convex = convex;
-        options.resolution = 3e-4;
-        ASSERT_EQ(rod_surface(0.0008, 0.02).make(options, &solid[convex]), PLIANT_OK) << pliant_last_error();
-    }
-    const pliant_part parts[] = {
-        {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false}, {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0042, false},
-        {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, 0.0005, false}, {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.002, false},
-        {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.0005, 0}, {0.01, 0.0005, 0.05}, 0, false},
-        {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]}, {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
-    };
-    std::mt19937 engine(5);
-    auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
-    int through = 0;
-    double deepest = 0;
-    for (int n = 0; n < sweeps; n++) {
-        const pliant_part &part = parts[n % 7];
-        const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
-        const double across = 0.15 * std::cos(about); // of a rod along the sheet's free way: what is fixed is not swept
-        const double rotation[4] = {std::sin(n % 7 == 2 ? across : half) * (n % 7 == 2 ? 1 : std::cos(about)), n % 7 == 2 ? 0 : std::sin(half) * std::sin(about), 0,
-                                    std::cos(n % 7 == 2 ? across : half)};
-        const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (n % 7 == 2 ? 0.05 : 0.012);
-        const double from[3] = {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)};
-        const double way[3] = {random(-0.005, 0.005), random(-0.005, 0.005), -side * (clear + beyond)};
-        const Swept swept = sweep(part, from, way, rotation, random(0.05, 0.4));
-        const bool is_through = swept.inside > 0 || swept.carried < 0.5 * beyond || !(swept.carried < 0.1);
-        if (is_through || swept.deepest > 2e-4)
-            std::printf("sweep %d: kind %d, %g mm beyond, tilt %g: carried %g mm, %d points inside, %g mm deep\n", n, n % 7, 1e3 * beyond, tilt, 1e3 * swept.carried, swept.inside, 1e3 * swept.deepest);
-        through += is_through;
-        deepest = std::fmax(deepest, swept.deepest);
-    }
-    std::printf("%d sweeps, %d through, deepest %.3f mm\n", sweeps, through, 1e3 * deepest);
-    EXPECT_EQ(through, 0);
-    for (const pliant_solid *each : solid) pliant_solid_release(each);
 }
 
 // Into the sheet at once, and out of it: what is more than half inside comes out on the other side or stays, as far as it was in, and no further.

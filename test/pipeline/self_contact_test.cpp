@@ -1,5 +1,8 @@
 // Tissue on tissue in the quasi-static solver: a bar that was cut carries pressure as a whole one does and opens under tension; layers that slide.
 #include "body.h"
+#include "contact/follow.h"
+
+#include <set>
 
 namespace {
 
@@ -259,6 +262,20 @@ TEST(SelfContact, ASlabThatSlidesOffDoesNotSink)
     }
     EXPECT_GT(drop.lowest(0, 0) - x, 0.0055);
     EXPECT_NEAR(drop.force(0), weight, 0.03 * weight);
+    drop.run(1); // by now sides are opposite others than their own, and what two of them are to each other is one point
+    std::set<std::pair<uint64_t, uint64_t>> slid;
+    for (int32_t c = 0; c < drop.data->contacts.count; c++) {
+        const uint64_t feature = drop.data->contacts.point[c].feature, side = (uint64_t{1} << 28) - 1;
+        if (feature >> 56 == PLIANT_TISSUE_SLID) slid.emplace(feature >> 28 & side, feature & side);
+    }
+    std::set<uint64_t> opposite, looked;
+    for (const auto &pair : slid) {
+        EXPECT_EQ(opposite.count(pair.first), 0u) << "it has a point as what another is opposite";
+        opposite.insert(pair.second);
+        looked.insert(pair.first);
+    }
+    EXPECT_GT(looked.size(), 10u);
+    EXPECT_EQ(looked.size(), slid.size());
 }
 
 TEST(SelfContact, PiecesLieOnEachOther)

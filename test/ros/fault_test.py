@@ -351,6 +351,19 @@ class FaultTest(unittest.TestCase):
         self.assertIsNone(node.poll())
         state.close()
 
+    def test_a_nodelet_that_cannot_begin_tells_why_and_leaves_its_manager(self):
+        """Its manager may hold others: what ends a node, also a file that is not there, is a FAULT of the nodelet alone."""
+        state = Latest("/held/state", SimState)
+        self.addCleanup(state.close)
+        manager = subprocess.Popen([roslib.packages.find_node("nodelet", "nodelet")[0], "standalone", "pliant/tissue", "__ns:=/held", "__name:=sim",
+                                    "_hand_eye:=PSM1_base=/nowhere/PSM1.json"])
+        self.addCleanup(manager.wait)
+        self.addCleanup(manager.kill)
+        wait_for(lambda: state.message and state.message.state == SimState.FAULT, "FAULT")
+        self.assertIn("/nowhere/PSM1.json", state.message.message)
+        wait_for(lambda: "parameters" in self.diagnosed() and "/nowhere/PSM1.json" in self.diagnosed()["parameters"][0].message, "diagnostics")
+        self.assertIsNone(manager.poll())
+
     def test_a_node_whose_file_cannot_be_read_yet_ends_to_be_started_again(self):
         command = self.wrong_node("hand_eye", "PSM1_base=/nowhere/PSM1.json")
         rospy.set_param("/wrong/sim/respawn", True)

@@ -247,6 +247,18 @@ TEST(Params, TissuePose)
     EXPECT_NE(refusal(same).find("quaternion"), std::string::npos);
 }
 
+TEST(Params, HandEyeNamesFramesAndFiles)
+{
+    XmlRpcValue good;
+    good["hand_eye"] = "PSM1_base=/nowhere/PSM1.json  PSM2_base=/nowhere/PSM2.json";
+    EXPECT_FALSE(read(good).hand_eye.empty()); // whether they are there is seen when they are read
+    for (const char *wrong : {"PSM1_base", "=/nowhere/PSM1.json", "PSM1_base=", "PSM1_base=/nowhere/PSM1.json PSM2_base"}) {
+        XmlRpcValue tree;
+        tree["hand_eye"] = wrong;
+        EXPECT_NE(refusal(tree).find("FRAME=FILE"), std::string::npos) << wrong;
+    }
+}
+
 TEST(Params, FramesMustDiffer)
 {
     XmlRpcValue same, slash;

@@ -8,7 +8,7 @@
  * balance (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are as good between soft and stiff; with them a beam of three cubes sags 2 % less.
  *
  * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS 7.1): P'KP with these nodes held, one change of volume
- * in all, R = I; so, but for the last, are cubes whose fine elements fall apart. Beside a cut, where cubes are not whole, there are tetrahedra. */
+ * in all, R = I; so, but for the last, are cubes whose fine elements fall apart. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
@@ -75,7 +75,7 @@ static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *ro
     int32_t local_of[CORNERS];
     for (int v = 0; v < CORNERS; v++) {
         memcpy(x[v], submesh->fine->rest + 3 * cube->node[v], sizeof x[v]);
-        local_of[v] = submesh->whose[submesh->local_of[cube->node[v]]];
+        local_of[v] = submesh->local_of[cube->node[v]];
     }
     for (int slot = 0; slot < 5; slot++) share += (slot == 0 ? 2.0 : 1.0) / 6 * share_of(submesh->material + cube->tet[slot]);
     for (int p = 0; p < CORNERS; p++) {
@@ -97,7 +97,7 @@ static void tet_loads(const pliant_submesh *submesh, const pliant_cube_room *roo
     double flat[12], gradient[4][3], volume = pliant_mesh_gradients(submesh->fine, tet, flat);
     int32_t local_of[4];
     memcpy(gradient, flat, sizeof gradient);
-    for (int v = 0; v < 4; v++) local_of[v] = submesh->whose[submesh->local_of[submesh->fine->tets[4 * tet + v]]];
+    for (int v = 0; v < 4; v++) local_of[v] = submesh->local_of[submesh->fine->tets[4 * tet + v]];
     for (int p = 0; p < 4; p++) {
         double y[3] = {0, 0, 0};
         for (int v = 0; v < 4; v++)
@@ -270,8 +270,6 @@ static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submes
         double gradients[12];
         macros->shear[element] += pliant_mesh_gradients(submesh->fine, list[t], gradients) * work->material[list[t]].mu;
     }
-    const int32_t was = work->kept && !macros->grounded[element] ? work->kept[element] : 0;
-    if (was > 0) return pliant_macros_copy_root(work->earlier, was - 1, macros, element);
     pliant_status status = pliant_submesh_load(submesh, count, list);
     if (status == PLIANT_OK && whole) status = place_nodes(work, submesh, element, room);
     if (status != PLIANT_OK) return status;
@@ -379,34 +377,6 @@ static pliant_status find_fine_cubes(pliant_cube_work *work)
     return PLIANT_OK;
 }
 
-/* Whole cubes that were not grounded, are made of the same coarse tetrahedra as before, and of fine ones that are kept: a cut that parts these
- * parts their nodes. */
-static pliant_status find_kept(pliant_cube_work *work, const pliant_kept *kept)
-{
-    const pliant_system *system = work->system, *before = kept->before->system;
-    const pliant_macros *macros = system->macros, *earlier = work->earlier = before->macros;
-    const int32_t cells = system->mesh->cells[0] * system->mesh->cells[1] * system->mesh->cells[2];
-    int32_t *element = pliant_calloc((size_t)cells, sizeof *element), *fine = pliant_calloc((size_t)earlier->count, sizeof *fine);
-    if (element && fine) work->kept = pliant_calloc((size_t)macros->count, sizeof *work->kept);
-    for (int32_t e = 0; work->kept && e < earlier->count; e++)
-        if (earlier->start[e + 1] - earlier->start[e] == CORNERS && !earlier->grounded[e]) element[earlier->cell[e]] = e + 1;
-    const pliant_body *was = kept->before->body;
-    for (int32_t t = 0; work->kept && t < was->fine.num_tets; t++) { /* fine ones by the cube that they were in */
-        const int32_t e = element[was->coarse.lattice_of_tet[was->coarse_of_fine[t]] / 5];
-        if (e > 0) fine[e - 1]++;
-    }
-    for (int32_t e = 0; work->kept && e < macros->count; e++) {
-        const int32_t *list = work->lists.tets + work->lists.start[e], count = work->lists.start[e + 1] - work->lists.start[e];
-        const int32_t now = macros->start[e + 1] - macros->start[e] == CORNERS ? element[macros->cell[e]] : 0;
-        bool same = now > 0 && fine[now - 1] == count;
-        for (int32_t t = 0; same && t < count; t++) same = kept->fine[list[t]];
-        if (same) work->kept[e] = now;
-    }
-    pliant_free(element);
-    pliant_free(fine);
-    return work->kept ? PLIANT_OK : pliant_fail_memory("the coarse hexahedra");
-}
-
 /* coarse elements without stiffness, and which of them everything belongs to */
 static pliant_status find_elements(pliant_cube_work *work, const int32_t *coarse_of_fine)
 {
@@ -427,8 +397,7 @@ static pliant_status find_elements(pliant_cube_work *work, const int32_t *coarse
 }
 
 pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
-                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
-                                      pliant_progress progress)
+                                      const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
 {
     const bool schur = scene->model.method == PLIANT_SCHUR;
     const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
@@ -440,9 +409,7 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene 
     if (status == PLIANT_OK && !schur) status = pliant_upsample_trilinear(system, work.element_of_fine);
     if (status == PLIANT_OK) {
         find_grounded(&work, coarse_fixed);
-        if (kept && touch == PLIANT_TOUCH_OVERLAP) status = find_kept(&work, kept);
-        if (status == PLIANT_OK && work.kept && schur) status = pliant_cubes_schur_keep(&work, kept->before->system);
-        if (status == PLIANT_OK) status = make_all(&work, progress);
+        status = make_all(&work, progress);
     }
     if (status == PLIANT_OK && schur) status = pliant_shapes_sort(system, CORNERS, work.schur);
     if (status == PLIANT_OK) system->upsample->still = fine_fixed;
@@ -453,7 +420,7 @@ pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene 
                    system->macros->count);
     pliant_submesh_lists_free(&work.lists);
     pliant_shapes_free(work.schur, system->macros ? system->macros->count : 0);
-    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes, work.kept};
+    void *blocks[] = {work.element_of_tet, work.element_of_fine, work.tet_of_element, work.cubes, work.cube_of_tet, work.shapes};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -22,8 +22,6 @@ typedef struct pliant_cube_work {
     bool calibrated;                 /* where that is possible */
     pliant_shapes *schur;            /* Nullable: (elements) method schur: the shape functions */
     int32_t linear;                  /* elements that fall apart */
-    const pliant_macros *earlier;    /* Nullable: of the body before */
-    int32_t *kept;                   /* (elements) 1 + the one before with the same stiffness; 0: none */
 } pliant_cube_work;
 
 /* what a thread needs besides its submesh */
@@ -50,8 +48,6 @@ pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int3
 /* ---- cubes_schur.c: condensed on the corners, [H] 1 to 7, as tetrahedra are (homogenize.c) */
 /* Lists of the fine elements of each coarse one, and whether some of their nodes are fixed; hexahedra have whole fine ones. Errors: MEMORY. */
 pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch);
-/* Shape functions of elements that are kept. Errors: MEMORY. */
-pliant_status pliant_cubes_schur_keep(const pliant_cube_work *work, const pliant_system *before);
 /* One whose submesh is loaded, and its room filled where it is a hexahedron. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element);
 

@@ -73,19 +73,6 @@ pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touc
     return status;
 }
 
-pliant_status pliant_cubes_schur_keep(const pliant_cube_work *work, const pliant_system *before)
-{
-    const pliant_macros *macros = work->system->macros;
-    int32_t *now = pliant_calloc((size_t)before->macros->count, sizeof *now);
-    if (!now) return pliant_fail_memory("the shape functions");
-    memset(now, 0xff, (size_t)before->macros->count * sizeof *now);
-    for (int32_t e = 0; e < macros->count; e++)
-        if (work->kept[e] > 0 && !macros->grounded[e]) now[work->kept[e] - 1] = e;
-    pliant_status status = pliant_shapes_keep(before, now, work->schur);
-    pliant_free(now);
-    return status;
-}
-
 /* nodes follow the corners by the room's weights */
 static void linear_shapes(const pliant_submesh *submesh, const pliant_cube_room *room, double *shape)
 {

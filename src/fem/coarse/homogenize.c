@@ -57,7 +57,7 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
         double weight = volume * (submesh->material[submesh->tets[t]].tissue + 1e-3);
         total += weight;
         for (int v = 0; v < 4; v++) {
-            double *row = phi + 36 * (size_t)submesh->whose[submesh->local_of[nodes[v]]];
+            double *row = phi + 36 * (size_t)submesh->local_of[nodes[v]];
             for (int r = 0; r < 3; r++) {
                 for (int c = 0; c < 3; c++) row[12 * r + 3 * r + c] += weight * g[3 * v + c];
                 row[12 * r + 9 + r] += 0.25 * weight;
@@ -230,18 +230,8 @@ typedef struct homogenization {
     const pliant_submesh_lists *lists;
     pliant_shapes *shapes; /* Nullable: calibrated, averaged */
     bool calibrated;
-    const pliant_system *before; /* Nullable: of the body before */
-    uint8_t *kept;      /* (coarse tetrahedra) as they are there; NULL: none */
     int32_t galerkin;   /* coarse tetrahedra whose submesh falls apart: linear interpolation instead */
 } homogenization;
-
-static void keep_one(const homogenization *work, int32_t tet, double out[144])
-{
-    const pliant_system *before = work->before;
-    memcpy(out, before->stiffness + 144 * (size_t)tet, 144 * sizeof *out);
-    for (int i = 0; before->raw_diagonal && i < 12; i++) out[13 * i] = before->raw_diagonal[12 * (size_t)tet + (size_t)i];
-    work->system->grounded[tet] = before->grounded[tet];
-}
 
 pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear)
 {
@@ -257,10 +247,6 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
 {
     const pliant_submesh_lists *lists = work->lists;
     double *out = work->system->stiffness + 144 * (size_t)tet;
-    if (work->kept && work->kept[tet]) {
-        keep_one(work, tet, out);
-        return PLIANT_OK;
-    }
     pliant_status status = pliant_submesh_load(submesh, lists->start[tet + 1] - lists->start[tet], lists->tets + lists->start[tet]);
     if (status != PLIANT_OK) return status;
     bool fixed = pliant_submesh_has_fixed(submesh);
@@ -317,36 +303,6 @@ static pliant_status homogenize_all(homogenization *work, const uint8_t *fine_fi
     return pliant_work_outcome(&all);
 }
 
-/* Coarse tetrahedra that the same fine ones make up as before. */
-static pliant_status find_kept(const pliant_kept *kept, const pliant_system *system, const pliant_submesh_lists *lists, pliant_touch touch, uint8_t **out)
-{
-    const pliant_body *body = kept->before->body;
-    const int32_t count = system->mesh->num_tets, most = body->coarse.num_tets;
-    pliant_submesh_lists was = {0};
-    pliant_status status = pliant_submesh_list(&body->fine, body->coarse_of_fine, most, touch, &was);
-    if (status == PLIANT_OK && !(*out = pliant_calloc((size_t)count, 1))) status = pliant_fail_memory("the coarse elements");
-    for (int32_t c = 0; status == PLIANT_OK && c < count && c < most; c++) {
-        const int32_t size = lists->start[c + 1] - lists->start[c], *list = lists->tets + lists->start[c];
-        bool same = kept->coarse[c] && was.start[c + 1] - was.start[c] == size &&
-                    memcmp(was.tets + was.start[c], list, (size_t)size * sizeof *list) == 0;
-        for (int32_t t = 0; same && t < size; t++) same = kept->fine[list[t]];
-        (*out)[c] = same;
-    }
-    pliant_submesh_lists_free(&was);
-    return status;
-}
-
-static pliant_status keep_all_shapes(const homogenization *work)
-{
-    const int32_t count = work->system->mesh->num_tets, most = work->before->mesh->num_tets;
-    int32_t *now = pliant_calloc((size_t)most, sizeof *now);
-    if (!now) return pliant_fail_memory("the shape functions");
-    for (int32_t c = 0; c < most; c++) now[c] = c < count && work->kept[c] ? c : -1;
-    pliant_status status = pliant_shapes_keep(work->before, now, work->shapes);
-    pliant_free(now);
-    return status;
-}
-
 static pliant_status make_room(homogenization *work, bool schur)
 {
     pliant_system *system = work->system;
@@ -360,30 +316,25 @@ static pliant_status make_room(homogenization *work, bool schur)
 }
 
 pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed,
-                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, const pliant_kept *kept,
-                                pliant_progress progress)
+                                const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress)
 {
     const int32_t count = system->mesh->num_tets;
     const bool schur = scene->model.method == PLIANT_SCHUR;
     const pliant_touch touch = schur ? scene->model.touch : PLIANT_TOUCH_OVERLAP;
     pliant_submesh_lists lists = {0};
     homogenization work = {.system = system, .lists = &lists, .calibrated = scene->model.method == PLIANT_CALIBRATED};
-    if (kept) work.before = kept->before->system;
     pliant_status status = pliant_submesh_list(fine, coarse_of_fine, count, touch, &lists);
     if (status == PLIANT_OK) status = make_room(&work, schur);
-    if (status == PLIANT_OK && kept) status = find_kept(kept, system, &lists, touch, &work.kept);
-    if (status == PLIANT_OK && kept && schur) status = keep_all_shapes(&work);
     if (status == PLIANT_OK) status = homogenize_all(&work, fine_fixed, fine_material, progress);
     if (status == PLIANT_OK) {
         if (!schur) ground(system);
         if (work.galerkin > 0)
             pliant_log(PLIANT_LOG_INFO, "homogenize: %d of %d coarse tetrahedra hold loose fragments and follow their corners linearly", work.galerkin,
                        count);
-        status = schur ? pliant_shapes_sort(system, 4, work.shapes) : pliant_upsample_linear(system, coarse_of_fine, kept);
+        status = schur ? pliant_shapes_sort(system, 4, work.shapes) : pliant_upsample_linear(system, coarse_of_fine);
     }
     if (status == PLIANT_OK) system->upsample->still = fine_fixed;
     pliant_shapes_free(work.shapes, count);
-    pliant_free(work.kept);
     pliant_submesh_lists_free(&lists);
     return status;
 }

@@ -17,7 +17,7 @@
 /* P: in coarse tetrahedra, or trilinear in coarse cubes */
 static pliant_status interpolate(pliant_system *system, bool hexahedra, const int32_t *coarse_of_fine)
 {
-    if (!hexahedra) return pliant_upsample_linear(system, coarse_of_fine, NULL);
+    if (!hexahedra) return pliant_upsample_linear(system, coarse_of_fine);
     pliant_status status = pliant_system_cubes(system);
     if (status == PLIANT_OK) status = pliant_upsample_cubes(system, coarse_of_fine);
     pliant_macros_free(system->macros);

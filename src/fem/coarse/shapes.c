@@ -88,29 +88,3 @@ pliant_status pliant_shapes_sort(pliant_system *system, int corners, const plian
     }
     return PLIANT_OK;
 }
-
-pliant_status pliant_shapes_keep(const pliant_system *before, const int32_t *now, pliant_shapes *lists)
-{
-    const pliant_upsample *from = before->upsample;
-    const int32_t nodes = before->fine->num_nodes, elements = pliant_element_count(before);
-    for (int32_t e = 0; e < from->start[nodes]; e++)
-        if (now[from->entry_element[e]] >= 0) lists[now[from->entry_element[e]]].count++;
-    for (int32_t c = 0; c < elements; c++) {
-        if (now[c] < 0) continue;
-        pliant_shapes *list = lists + now[c];
-        list->node = pliant_calloc((size_t)list->count, sizeof *list->node);
-        list->shape = pliant_calloc((size_t)list->count, 9 * (size_t)corners_of(before, c) * sizeof *list->shape);
-        if (!list->node || !list->shape) return no_memory();
-        list->count = 0;
-    }
-    for (int32_t n = 0; n < nodes; n++)
-        for (int32_t e = from->start[n]; e < from->start[n + 1]; e++) {
-            const int32_t element = from->entry_element[e];
-            const size_t own = 9 * (size_t)corners_of(before, element);
-            if (now[element] < 0) continue;
-            pliant_shapes *list = lists + now[element];
-            list->node[list->count] = n;
-            memcpy(list->shape + own * (size_t)list->count++, from->entry_shape + 9 * (size_t)from->corners * (size_t)e, own * sizeof *list->shape);
-        }
-    return PLIANT_OK;
-}

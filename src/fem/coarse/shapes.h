@@ -20,8 +20,6 @@ pliant_status pliant_shapes_of(const pliant_submesh *submesh, int corners, plian
 void pliant_shapes_free(pliant_shapes *lists, int32_t count); /* Nullable */
 /* system->upsample of all elements of it, with so many corners each or fewer. Errors: MEMORY. */
 pliant_status pliant_shapes_sort(pliant_system *system, int corners, const pliant_shapes *lists);
-/* Those of elements that are kept, from the body before. now: (elements there) its number here, or -1. Errors: MEMORY. */
-pliant_status pliant_shapes_keep(const pliant_system *before, const int32_t *now, pliant_shapes *lists);
 
 #ifdef __cplusplus
 }

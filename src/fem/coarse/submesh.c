@@ -83,8 +83,7 @@ pliant_status pliant_submesh_create(const pliant_mesh *fine, const pliant_mesh *
     submesh->node = pliant_calloc((size_t)most, sizeof *submesh->node);
     submesh->local_of = pliant_calloc((size_t)fine->num_nodes, sizeof *submesh->local_of);
     submesh->slot = pliant_calloc((size_t)most, sizeof *submesh->slot);
-    submesh->whose = pliant_calloc((size_t)most, sizeof *submesh->whose);
-    if (!submesh->node || !submesh->local_of || !submesh->slot || !submesh->whose) {
+    if (!submesh->node || !submesh->local_of || !submesh->slot) {
         pliant_submesh_free(submesh);
         return pliant_fail_memory("a submesh");
     }
@@ -99,7 +98,6 @@ void pliant_submesh_free(pliant_submesh *submesh)
     pliant_free(submesh->node);
     pliant_free(submesh->local_of);
     pliant_free(submesh->slot);
-    pliant_free(submesh->whose);
     pliant_free(submesh->stiffness);
     pliant_free(submesh->work);
     pliant_free(submesh->square);
@@ -120,33 +118,6 @@ static pliant_status make_room(pliant_submesh *submesh)
     return submesh->room ? PLIANT_OK : pliant_fail_memory("a submesh");
 }
 
-/* voxels around a node, of those that are here */
-static double voxels_around(const pliant_submesh *submesh, int32_t node)
-{
-    double sum = 0;
-    for (int32_t v = 0; v < 4 * submesh->num_tets; v++)
-        if (submesh->fine->tets[4 * submesh->tets[v / 4] + v % 4] == node) sum += submesh->material[submesh->tets[v / 4]].num_voxels;
-    return sum;
-}
-
-static void find_whose(pliant_submesh *submesh)
-{
-    const int32_t *at = submesh->fine->lattice_of_node, *node = submesh->node;
-    for (int32_t n = 0; n < submesh->num_nodes; n++) {
-        submesh->whose[n] = n;
-        double most = -1;
-        for (int32_t m = 0; m < submesh->num_nodes; m++) {
-            if (m == n || at[node[n]] < 0 || at[node[m]] != at[node[n]]) continue;
-            if (most < 0) most = voxels_around(submesh, node[n]);
-            const int32_t best = submesh->whose[n];
-            const double others = voxels_around(submesh, node[m]);
-            if (others < most || (others == most && node[m] > node[best])) continue;
-            submesh->whose[n] = m;
-            most = others;
-        }
-    }
-}
-
 pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, const int32_t *tets)
 {
     const pliant_mesh *fine = submesh->fine;
@@ -161,7 +132,6 @@ pliant_status pliant_submesh_load(pliant_submesh *submesh, int32_t num_tets, con
             submesh->local_of[node] = submesh->num_nodes;
             submesh->node[submesh->num_nodes++] = node;
         }
-    find_whose(submesh);
     pliant_status status = make_room(submesh);
     if (status == PLIANT_OK) pliant_submesh_assemble(submesh, NULL);
     return status;
@@ -224,7 +194,7 @@ int32_t pliant_submesh_corner(const pliant_submesh *submesh, int32_t coarse_node
 {
     int32_t at = pliant_mesh_lattice_in(submesh->fine, submesh->coarse, coarse_node);
     for (int32_t n = 0; n < submesh->num_nodes; n++)
-        if (submesh->fine->lattice_of_node[submesh->node[n]] == at) return submesh->whose[n];
+        if (submesh->fine->lattice_of_node[submesh->node[n]] == at) return n;
     return -1;
 }
 

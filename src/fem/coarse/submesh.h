@@ -31,7 +31,6 @@ typedef struct pliant_submesh {
     int32_t *node;       /* (num_nodes) fine node */
     int32_t *local_of;   /* (fine nodes) or -1 */
     int32_t *slot;       /* (num_nodes) room for a second numbering */
-    int32_t *whose;      /* (num_nodes) by their numbers here: of the nodes at its place the one with most voxels here; itself but where a cut ends */
     const int32_t *tets; /* (num_tets) fine tetrahedra */
     /* Nullable: hexahedra of the fine mesh, in place of their tetrahedra; cube_of_tet: (fine tetrahedra) or -1. Who loads a list that holds
      * a part of one alone sets them to NULL before. */

@@ -33,21 +33,17 @@ static pliant_status begin(pliant_system *system, int32_t corners, const int32_t
     return *owner ? PLIANT_OK : pliant_fail_memory("the upsampling");
 }
 
-pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine, const pliant_kept *kept)
+pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine)
 {
     const pliant_mesh *fine = system->fine, *coarse = system->mesh;
     int32_t *owner;
     pliant_status status = begin(system, 4, coarse_of_fine, &owner);
     if (status != PLIANT_OK) return status;
     pliant_upsample *upsample = system->upsample;
-    const pliant_system *before = kept ? kept->before->system : NULL;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
         const int32_t *nodes = coarse->tets + 4 * owner[n];
         memcpy(upsample->node + 4 * n, nodes, 4 * sizeof *nodes);
-        const bool same = before && n < before->fine->num_nodes && memcmp(before->upsample->node + 4 * n, nodes, 4 * sizeof *nodes) == 0 &&
-                          memcmp(before->fine->rest + 3 * n, fine->rest + 3 * n, 3 * sizeof *fine->rest) == 0;
-        if (same) memcpy(upsample->weights + 4 * n, before->upsample->weights + 4 * n, 4 * sizeof *upsample->weights);
-        else pliant_mesh_barycentric(coarse, owner[n], fine->rest + 3 * n, upsample->weights + 4 * n);
+        pliant_mesh_barycentric(coarse, owner[n], fine->rest + 3 * n, upsample->weights + 4 * n);
     }
     pliant_free(owner);
     return PLIANT_OK;

@@ -13,22 +13,56 @@ size_t pliant_tled_force_count(const pliant_tled_system *system)
     return ((size_t)system->num_blocks * 12 + (system->cubes ? (size_t)system->cubes->num_blocks * 24 : 0)) * LANES;
 }
 
-/* k_m over V mu, m > 0 with more than one bit */
-static double hourglass_of(const double size[3], int mode)
+/* parts of cube_bending.h */
+static const double contraction = 0.75, square_bar = 0.1406 * 6;
+
+/* Eigenvalues of gamma over its two 1 / h, of the three modes: symmetric, without a diagonal. */
+static void torsion_values(const double size[3], double out[3])
+{
+    const double gamma[6] = {0, 0, 0, 1 / size[2], 1 / size[1], 1 / size[0]};
+    pliant_symmetric_eigenvalues(gamma, out);
+    for (int d = 0; d < 3; d++) out[d] *= square_bar * out[d] * 4 / 3;
+}
+
+/* k of the mode of all axes over V mu */
+static double twist_of(const double size[3])
 {
     double sum = 0;
-    for (int d = 0; d < 3; d++) sum += mode >> d & 1 ? 1 / (size[d] * size[d]) : 0;
-    return (mode == 7 ? 40.0 / 81 : 10.0 / 7) * sum;
+    for (int d = 0; d < 3; d++) sum += 1 / (size[d] * size[d]);
+    return 40.0 / 81 * sum;
+}
+
+static double contraction_of(double lambda, double mu) { return contraction * lambda / (lambda + 2 * mu); }
+
+/* prony: sum of the shares */
+static void fill_bending(const pliant_mesh *mesh, double prony, pliant_cube_bending *out)
+{
+    const double left = (1 - prony) / 64;
+    double torsion[3];
+    torsion_values(mesh->cell_size, torsion);
+    for (int axis = 0; axis < 3; axis++) {
+        for (int d = 0; d < 3; d++) out->direction[3 * axis + d] = (float)mesh->direction[3 * d + axis];
+        out->edge[axis] = (float)(1 / mesh->cell_size[axis]);
+    }
+    out->bending = (float)(left * 8 / 3);
+    out->torsion = (float)(left * square_bar * 4 / 3);
+    out->least = (float)(left * fmin(torsion[0], fmin(torsion[1], torsion[2])));
+    out->twist = (float)(left * twist_of(mesh->cell_size));
 }
 
 /* Of the mean gradient: as of a tetrahedron (tled_create.c) with sum of b b' = diag(1 / (2 h^2)); a mode of +-1 has the square 8. */
 double pliant_cube_largest_eigenvalue(const double size[3], double lambda, double mu)
 {
-    double gram[6] = {0}, largest;
+    const double c = contraction_of(lambda, mu);
+    double gram[6] = {0}, torsion[3], largest;
     for (int d = 0; d < 3; d++) gram[d] = 0.5 / (size[d] * size[d]);
-    largest = pliant_gram_largest_eigenvalue(gram, lambda, mu);
-    for (int m = 3; m < 8; m++)
-        if (m != 4) largest = fmax(largest, mu * hourglass_of(size, m) / 8);
+    torsion_values(size, torsion);
+    largest = fmax(pliant_gram_largest_eigenvalue(gram, lambda, mu), mu / 8 * twist_of(size));
+    for (int d = 0; d < 3; d++) {
+        const double a = 1 / (size[d] * size[d]), b = 1 / (size[(d + 1) % 3] * size[(d + 1) % 3]);
+        const double bending = (1 + c) * (a + b) + sqrt((1 + c) * (1 + c) * (a - b) * (a - b) + 4 * c * c * a * b);
+        largest = fmax(largest, mu / 8 * fmax(torsion[d], 4.0 / 3 * bending));
+    }
     return largest;
 }
 
@@ -69,10 +103,11 @@ static pliant_status allocate(const pliant_mesh *mesh, pliant_tled_cubes *cubes)
                                                                                                       : pliant_fail_memory("the hexahedra");
 }
 
-static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, pliant_tled_cubes *cubes, int32_t c)
+static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *material, pliant_law law, double prony, pliant_tled_cubes *cubes, int32_t c)
 {
     const pliant_cube *cube = cubes->cube + c;
     double volume[5], lambda[5], mu[5], gradients[12], mass = 0, sum[3] = {0, 0, 0};
+    float (*moduli)[LANES] = cubes->moduli[c / LANES];
     for (int slot = 0; slot < 5; slot++) {
         volume[slot] = pliant_mesh_gradients(mesh, cube->tet[slot], gradients);
         mass += volume[slot] * material[cube->tet[slot]].density;
@@ -81,9 +116,11 @@ static void fill_cube(const pliant_mesh *mesh, const pliant_tet_material *materi
     for (int slot = 0; slot < 5; slot++) {
         sum[0] += volume[slot] * mu[slot];
         sum[1] += volume[slot] * pliant_law_modulus(law, lambda[slot], mu[slot]);
-        sum[2] += volume[slot];
+        sum[2] += volume[slot] * lambda[slot];
     }
-    for (int m = 0; m < 3; m++) cubes->moduli[c / LANES][m][c % LANES] = (float)sum[m];
+    moduli[0][c % LANES] = (float)sum[0];
+    moduli[1][c % LANES] = (float)sum[1];
+    moduli[2][c % LANES] = (float)contraction_of(sum[2], (1 - prony) * sum[0]);
     for (int v = 0; v < 8; v++) cubes->node_mass[cube->node[v]] += mass / 8;
 }
 
@@ -91,7 +128,7 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
 {
     for (int axis = 0; axis < 3; axis++)
         for (int d = 0; d < 3; d++) cubes->gradient[3 * axis + d] = (float)(mesh->direction[3 * d + axis] / (4 * mesh->cell_size[axis]));
-    for (int m = 3; m < 8; m++) cubes->hourglass[m] = m == 4 ? 0 : (float)((1 - prony) * hourglass_of(mesh->cell_size, m) / 64);
+    fill_bending(mesh, prony, &cubes->bending);
     for (int32_t t = 0; t < mesh->num_tets; t++) cubes->element_of_tet[t] = -1;
     int32_t tets = 0, first = (cubes->num_tets + LANES - 1) / LANES * LANES;
     for (int32_t c = 0; c < cubes->num_blocks * LANES; c++) {
@@ -99,7 +136,7 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
         for (int v = 0; v < 8; v++) cubes->nodes[c / LANES][v][c % LANES] = cubes->cube[cube].node[v];
         cubes->finer[c / LANES][c % LANES] = 1.0f / (float)(cubes->size ? cubes->size[cube] : 1);
         if (cube != c) continue;
-        fill_cube(mesh, material, law, cubes, c);
+        fill_cube(mesh, material, law, prony, cubes, c);
         for (int slot = 0; slot < 5; slot++) cubes->element_of_tet[cubes->cube[c].tet[slot]] = first + c;
     }
     for (int32_t t = 0; t < mesh->num_tets; t++) {

@@ -3,11 +3,9 @@
 #include "fem/element/stress.h"
 #include "fem/dynamics/tled_cubes.h"
 
-#define INLINE static inline __attribute__((always_inline))
-
 /* H = sum over corners 1 to 3 of (u_v - u_0) g_v'. The differences are taken in double: single precision would lose a displacement of
  * centimetres to 1e-9 m, a pressure of 0.1 Pa in nearly incompressible tissue. */
-INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float g[9][LANES], float h[9][LANES])
+PLIANT_INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float g[9][LANES], float h[9][LANES])
 {
     float apart[9][LANES];
     for (int l = 0; l < LANES; l++) {
@@ -24,7 +22,7 @@ INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float g[9][L
 }
 
 /* Prony series: the whole block, each term's memory in place. */
-INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][LANES], float cofactor[9][LANES], float p[9][LANES],
+PLIANT_INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][LANES], float cofactor[9][LANES], float p[9][LANES],
                         float memory[6 * PLIANT_PRONY_TERMS][LANES])
 {
     float stress[6][LANES], relaxed[6][LANES] = {{0}};
@@ -52,7 +50,7 @@ INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][L
     }
 }
 
-INLINE void damp_block(float change[9][LANES], const float *mu, float factor, float h[9][LANES], float p[9][LANES])
+PLIANT_INLINE void damp_block(float change[9][LANES], const float *mu, float factor, float h[9][LANES], float p[9][LANES])
 {
     for (int l = 0; l < LANES; l++) {
         float one[9], of_one[9], p_one[9];
@@ -63,7 +61,7 @@ INLINE void damp_block(float change[9][LANES], const float *mu, float factor, fl
 }
 
 /* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it follows from H */
-INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
+PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
                          float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
     float p[9][LANES], cofactor[9][LANES], volume[9][LANES];
@@ -93,7 +91,7 @@ INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool 
         for (int m = 0; m < 9; m++) out[m][l] = p[m][l] + volume[m][l];
 }
 
-INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, bool damped, int32_t block, float dt, float *out)
+PLIANT_INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool nodal, bool damped, int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     float (*g)[LANES] = system->gradients[block], (*moduli)[LANES] = system->moduli[block];
@@ -120,7 +118,7 @@ INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool viscous, 
 }
 
 /* Corners to modes, w_m = sum of +-1 v_a, and back, v_a = sum of +-1 w_m (tled_cubes.h): three passes of sums and differences. */
-INLINE void transform(float w[8][LANES], float sign)
+PLIANT_INLINE void transform(float w[8][LANES], float sign)
 {
     for (int bit = 1; bit < 8; bit *= 2)
         for (int i = 0; i < 8; i++) {
@@ -134,7 +132,7 @@ INLINE void transform(float w[8][LANES], float sign)
 }
 
 /* modes of a block of cubes, the mean gradient, H or its change, and the change of volume that it makes */
-INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES], float change[LANES])
+PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES], float change[LANES])
 {
     int32_t (*nodes)[LANES] = cubes->nodes[block];
     double exact[9][LANES];
@@ -159,31 +157,52 @@ INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t 
     }
 }
 
-INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block, float dt, float *out)
+/* what the modes of a block of cubes have against themselves; more: their change, where it is damped */
+PLIANT_INLINE void bend_block(const pliant_tled_cubes *cubes, bool damped, float factor, int32_t block, float w[3][8][LANES], float more[3][8][LANES],
+                       float out[3][8][LANES])
+{
+    float (*moduli)[LANES] = cubes->moduli[block];
+    for (int l = 0; l < LANES; l++) {
+        const float finer = cubes->finer[block][l], shear = moduli[0][l] * (finer * finer);
+        pliant_cube_modes modes, change, force;
+        for (int m = 0; m < 9; m++) {
+            modes.along[m] = w[m % 3][1 << m / 3][l];
+            modes.across[m] = w[m % 3][7 ^ 1 << m / 3][l];
+            if (damped) change.along[m] = more[m % 3][1 << m / 3][l];
+            if (damped) change.across[m] = more[m % 3][7 ^ 1 << m / 3][l];
+        }
+        pliant_cube_bend(&cubes->bending, finer, shear, moduli[2][l], &modes, damped ? &change : NULL, factor, &force);
+        for (int m = 0; m < 9; m++) {
+            out[m % 3][1 << m / 3][l] = force.along[m];
+            out[m % 3][7 ^ 1 << m / 3][l] = force.across[m];
+        }
+        for (int r = 0; r < 3; r++) {
+            out[r][0][l] = 0;
+            out[r][7][l] = shear * cubes->bending.twist * (w[r][7][l] + (damped ? factor * more[r][7][l] : 0));
+        }
+    }
+}
+
+PLIANT_INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool viscous, bool damped, int32_t block, float dt, float *out)
 {
     const pliant_tled_system *system = tled->system;
     const pliant_tled_cubes *cubes = system->cubes;
-    const float factor = damped ? (float)system->stiffness_damping / dt : 0, *finer = cubes->finer[block];
-    float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], h[9][LANES], change[9][LANES], p[9][LANES], pressure[LANES], other[LANES];
+    const float *finer = cubes->finer[block];
+    float (*moduli)[LANES] = cubes->moduli[block], w[3][8][LANES], more[3][8][LANES], force[3][8][LANES];
+    float h[9][LANES], change[9][LANES], p[9][LANES], pressure[LANES], other[LANES];
     load_modes(cubes, tled->u, block, w, h, pressure);
     for (int l = 0; l < LANES; l++) pressure[l] = moduli[1][l] * pliant_law_float_volume(law, pressure[l]);
-    if (damped) {
-        load_modes(cubes, tled->d, block, more, change, other);
-        for (int r = 0; r < 3; r++)
-            for (int m = 0; m < 8; m++)
-                for (int l = 0; l < LANES; l++) w[r][m][l] += factor * more[r][m][l];
-    }
+    if (damped) load_modes(cubes, tled->d, block, more, change, other);
+    bend_block(cubes, damped, damped ? (float)system->stiffness_damping / dt : 0, block, w, more, force);
     block_stress(system, law, viscous, damped, dt, h, change, moduli, pressure, viscous ? tled->memory[system->num_blocks + block] : NULL, p);
     for (int r = 0; r < 3; r++) {
-        for (int m = 0; m < 8; m++)
-            for (int l = 0; l < LANES; l++) w[r][m][l] *= cubes->hourglass[m] * moduli[0][l] * (finer[l] * finer[l]);
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < LANES; l++)
-                w[r][1 << axis][l] = finer[l] * (p[3 * r][l] * cubes->gradient[3 * axis] + p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
-                                                 p[3 * r + 2][l] * cubes->gradient[3 * axis + 2]);
-        transform(w[r], -1);
+                force[r][1 << axis][l] += finer[l] * (p[3 * r][l] * cubes->gradient[3 * axis] + p[3 * r + 1][l] * cubes->gradient[3 * axis + 1] +
+                                                      p[3 * r + 2][l] * cubes->gradient[3 * axis + 2]);
+        transform(force[r], -1);
         for (int v = 0; v < 8; v++)
-            for (int l = 0; l < LANES; l++) out[(3 * v + r) * LANES + l] = w[r][v][l];
+            for (int l = 0; l < LANES; l++) out[(3 * v + r) * LANES + l] = force[r][v][l];
     }
 }
 

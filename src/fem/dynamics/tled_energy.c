@@ -33,12 +33,41 @@ static void modes_of(const pliant_tled *tled, int32_t index, double back, double
         }
 }
 
+/* Energy of the modes that F does not see, over V mu finer^2 (cube_bending.h); what it has against w, and against the modes along the axes. */
+static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, double w[8][3], double force[8][3])
+{
+    const pliant_cube_bending *bending = &cubes->bending;
+    double f[9], y[9], q[9], energy = 0;
+    for (int m = 0; m < 9; m++) f[m] = bending->direction[m] + 0.25 * bending->edge[m / 3] * w[1 << m / 3][m % 3] / (cubes->size ? cubes->size[index] : 1);
+    for (int m = 0; m < 9; m++) {
+        y[m] = 0;
+        for (int r = 0; r < 3; r++) y[m] += f[3 * (m % 3) + r] * w[7 ^ 1 << m / 3][r];
+    }
+    pliant_cube_bending_double(bending, (double)cubes->moduli[index / LANES][2][index % LANES], y, q);
+    for (int m = 0; m < 9; m++) energy += 0.5 * q[m] * y[m];
+    for (int r = 0; r < 3; r++) {
+        force[0][r] = 0;
+        force[7][r] = (double)bending->twist * w[7][r];
+        energy += 0.5 * force[7][r] * w[7][r];
+        for (int k = 0; k < 3; k++) {
+            const int mode = 7 ^ 1 << k;
+            force[mode][r] = (double)bending->least * w[mode][r];
+            energy += 0.5 * force[mode][r] * w[mode][r];
+            for (int a = 0; a < 3; a++) force[mode][r] += q[3 * k + a] * f[3 * a + r];
+            force[1 << k][r] = 0;
+            for (int other = 0; other < 3; other++) force[1 << k][r] += q[3 * other + k] * w[7 ^ 1 << other][r];
+            force[1 << k][r] *= 0.25 * bending->edge[k] / (cubes->size ? cubes->size[index] : 1);
+        }
+    }
+    return energy;
+}
+
 static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t index, double *strain, double *before, double *work)
 {
     const pliant_tled_system *system = tled->system;
     const pliant_cube *cube = system->cubes->cube + index;
     const double finer = 1.0 / (system->cubes->size ? system->cubes->size[index] : 1);
-    double volume[5], lambda[5], mu[5], g[12], f[2][9], stress[2][9], w[2][8][3], whole = 0, mean[2] = {0, 0};
+    double volume[5], lambda[5], mu[5], g[12], f[2][9], stress[2][9], w[2][8][3], force[2][8][3], whole = 0, mean[2] = {0, 0};
     for (int slot = 0; slot < 5; slot++) volume[slot] = pliant_mesh_gradients(system->mesh, cube->tet[slot], g);
     pliant_cube_moduli(cube, volume, material, lambda, mu);
     for (int slot = 0; slot < 5; slot++) {
@@ -50,15 +79,11 @@ static void cube_energies(const pliant_tled *tled, const pliant_tet_material *ma
         double *sum = back ? before : strain;
         modes_of(tled, index, back, f[back], w[back]);
         *sum += whole * pliant_law_response(system->law, mean[0] / whole, mean[1] / whole, f[back], stress[back]);
-        for (int m = 3; m < 8; m++)
-            for (int r = 0; r < 3; r++) *sum += 0.5 * mean[1] * finer * finer * system->cubes->hourglass[m] * w[back][m][r] * w[back][m][r];
+        *sum += mean[1] * finer * finer * bending_energy(system->cubes, index, w[back], force[back]);
     }
     for (int m = 0; m < 9; m++) *work += whole * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
-    for (int m = 3; m < 8; m++)
-        for (int r = 0; r < 3; r++) {
-            double apart = w[0][m][r] - w[1][m][r];
-            *work += mean[1] * finer * finer * system->cubes->hourglass[m] * apart * apart;
-        }
+    for (int m = 0; m < 8; m++)
+        for (int r = 0; r < 3; r++) *work += mean[1] * finer * finer * (force[0][m][r] - force[1][m][r]) * (w[0][m][r] - w[1][m][r]);
 }
 
 /* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of both ends,

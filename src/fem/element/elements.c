@@ -10,14 +10,16 @@
 
 /* Elements of nothing but empty material only fill the space that tissue moves through. Squeezed flat they would turn over at
  * once, and corotated ones have many states of rest then: iterations end in none of them. With R = I there is one. */
+static bool fills(const pliant_tet_material *material) { return !(material->tissue > 0) && material->mu > 0; }
+
 static pliant_status fill(pliant_system *system, const pliant_tet_material *material)
 {
     int32_t count = 0;
-    for (int32_t t = 0; t < system->mesh->num_tets; t++) count += !(material[t].tissue > 0) && material[t].mu > 0;
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) count += fills(material + t);
     if (count == 0) return PLIANT_OK;
     system->grounded = pliant_calloc((size_t)system->num_blocks * LANES, sizeof *system->grounded);
     if (!system->grounded) return pliant_fail_memory("the elements");
-    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = !(material[t].tissue > 0) && material[t].mu > 0;
+    for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = fills(material + t);
     return PLIANT_OK;
 }
 
@@ -32,15 +34,29 @@ static void make_element(pliant_system *system, const pliant_tet_material *mater
     system->lame[block][1][lane] = tet == e ? volume * material[tet].mu : 0;
 }
 
-static void copy_blocks(pliant_system *system, const pliant_system *before, int32_t blocks)
+/* Those of before, where kept; what is said of blocks is said once for each. */
+static pliant_status make_next(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
-    enum { PIECE = 512 };
-#pragma omp parallel for schedule(static) num_threads(system->num_threads)
-    for (int32_t from = 0; from < blocks; from += PIECE) {
-        const size_t count = (size_t)(blocks - from < PIECE ? blocks - from : PIECE);
-        memcpy(system->gradients + from, before->gradients + from, count * sizeof *system->gradients);
-        memcpy(system->lame + from, before->lame + from, count * sizeof *system->lame);
+    const int32_t tets = system->mesh->num_tets, blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
+    const size_t count = (size_t)system->num_blocks, same = (size_t)blocks;
+    system->gradients = pliant_next_of(before->gradients, same, count, sizeof *system->gradients);
+    system->lame = pliant_next_of(before->lame, same, count, sizeof *system->lame);
+    const bool fill_before = before->grounded && !before->stiffness; /* of homogenized ones it says something else */
+    if (fill_before) system->grounded = pliant_next_of(before->grounded, same * LANES, count * LANES, sizeof *system->grounded);
+    if (!system->gradients || !system->lame || (fill_before && !system->grounded)) return pliant_fail_memory("the elements");
+    bool any = false;
+    for (int32_t e = pliant_next_not_kept(kept, tets, 0), last = -1; e < LANES * system->num_blocks; e = e < tets ? pliant_next_not_kept(kept, tets, e + 1) : e + 1) {
+        if (e / LANES > last) {
+            last = e / LANES;
+            pliant_writes(system->gradients, (size_t)last, 1, sizeof *system->gradients);
+            pliant_writes(system->lame, (size_t)last, 1, sizeof *system->lame);
+            if (system->grounded) pliant_writes(system->grounded, (size_t)e / LANES * LANES, LANES, sizeof *system->grounded);
+        }
+        make_element(system, material, e);
+        if (system->grounded) system->grounded[e] = e < tets && fills(material + e);
+        else any = any || (e < tets && fills(material + e));
     }
+    return any ? fill(system, material) : PLIANT_OK;
 }
 
 int32_t pliant_next_not_kept(const uint8_t *kept, int32_t count, int32_t from)
@@ -53,19 +69,12 @@ pliant_status pliant_system_elements(pliant_system *system, const pliant_tet_mat
 {
     const pliant_mesh *mesh = system->mesh;
     system->num_blocks = (mesh->num_tets + LANES - 1) / LANES;
+    if (kept) return make_next(system, material, before, kept);
     system->gradients = pliant_room((size_t)system->num_blocks, sizeof *system->gradients);
     system->lame = pliant_room((size_t)system->num_blocks, sizeof *system->lame);
     if (!system->gradients || !system->lame) return pliant_fail_memory("the elements");
     pliant_status status = fill(system, material);
     if (status != PLIANT_OK) return status;
-    if (kept) {
-        const int32_t blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
-        copy_blocks(system, before, blocks);
-        for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
-            make_element(system, material, t);
-        for (int32_t e = mesh->num_tets; e < system->num_blocks * LANES; e++) make_element(system, material, e);
-        return PLIANT_OK;
-    }
 #pragma omp parallel for num_threads(system->num_threads)
     for (int32_t e = 0; e < system->num_blocks * LANES; e++) make_element(system, material, e);
     return PLIANT_OK;
@@ -232,7 +241,7 @@ void pliant_system_gather(const pliant_system *system, double (*forces)[12][LANE
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t n = 0; n < system->num_free; n++) {
         double sum[3] = {0, 0, 0};
-        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
+        for (int32_t c = system->corner_start[n]; c < system->corner_end[n]; c++) {
             int32_t element = system->corner[c] / 4, corner = system->corner[c] % 4;
             for (int d = 0; d < 3; d++) sum[d] += forces[element / LANES][3 * corner + d][element % LANES];
         }
@@ -252,6 +261,15 @@ static void free_upsample(pliant_upsample *upsample)
     pliant_free(upsample);
 }
 
+static void free_graded(pliant_graded *graded)
+{
+    if (!graded) return;
+    pliant_mesh_free(&graded->mesh);
+    pliant_free(graded->used);
+    pliant_free(graded->refined);
+    pliant_free(graded);
+}
+
 void pliant_system_clear(pliant_system *system)
 {
     pliant_free(system->gradients);
@@ -262,6 +280,7 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->free_of_node);
     pliant_free(system->node_of_free);
     pliant_free(system->corner_start);
+    pliant_free(system->corner_end);
     pliant_free(system->corner);
     pliant_free(system->trace);
     pliant_free(system->pattern.start);
@@ -271,5 +290,6 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->gravity_mass);
     pliant_macros_free(system->macros);
     free_upsample(system->upsample);
+    free_graded(system->graded);
     memset(system, 0, sizeof *system);
 }

@@ -376,8 +376,8 @@ pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t
     return PLIANT_OK;
 }
 
-static pliant_status add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
-                                    int32_t element)
+pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
+                                           int32_t element)
 {
     double k[UNKNOWNS * UNKNOWNS], shear = 0;
     for (int v = 0; v < CORNERS; v++) macros->own[8 * element + v] = cube->node[v];
@@ -474,7 +474,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
             known[parity] = true;
             const int32_t was = earlier ? find_earlier(earlier, cell, &cube) : -1;
             status = was >= 0 ? copy_hexahedron(earlier->macros, was, &cube, macros, element)
-                              : add_hexahedron(material, &cube, &shape[parity], macros, element);
+                              : pliant_macros_add_hexahedron(material, &cube, &shape[parity], macros, element);
             memcpy(macros->node + corner, cube.node, sizeof cube.node);
             corner += CORNERS;
             macros->cell[element] = cell;

@@ -53,7 +53,10 @@ pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pl
 pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass);
 /* The cube of a lattice that a tetrahedron is in, or a fragment of; of an octree its leaf. */
 int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
-/* A tetrahedron that is in no hexahedron: all of it but corners and cell. Errors: MEMORY. */
+/* A hexahedron: all of it but corners and cell. Errors: MEMORY. */
+pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
+                                           int32_t element);
+/* A tetrahedron that is in no hexahedron, likewise. Errors: MEMORY. */
 pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_material *material, int32_t tet, pliant_macros *macros, int32_t element);
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
 /* (num_tets of the mesh) macro-element that each tetrahedron is, or is part of. Errors: MEMORY. */

@@ -84,7 +84,7 @@ void pliant_macro_gather(const pliant_system *system, const double *forces, doub
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t n = 0; n < system->num_free; n++) {
         double sum[3] = {0, 0, 0};
-        for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++)
+        for (int32_t c = system->corner_start[n]; c < system->corner_end[n]; c++)
             for (int d = 0; d < 3; d++) sum[d] += forces[3 * (size_t)system->corner[c] + (size_t)d];
         memcpy(out + 3 * n, sum, sizeof sum);
     }
@@ -107,9 +107,11 @@ static pliant_status list_corners(pliant_system *system)
 {
     const pliant_macros *macros = system->macros;
     int32_t corners = macros->start[macros->count];
-    system->corner_start = pliant_calloc((size_t)system->num_free + 2, sizeof *system->corner_start);
+    const size_t nodes = (size_t)system->num_free;
+    system->corner_start = pliant_calloc(nodes + 2, sizeof *system->corner_start);
+    system->corner_end = pliant_calloc(nodes, sizeof *system->corner_end);
     system->corner = pliant_calloc((size_t)corners, sizeof *system->corner);
-    if (!system->corner_start || !system->corner) return pliant_fail_memory("the unknowns");
+    if (!system->corner_start || !system->corner_end || !system->corner) return pliant_fail_memory("the unknowns");
     int32_t *start = system->corner_start;
     for (int pass = 0; pass < 2; pass++) {
         for (int32_t c = 0; c < corners; c++) {
@@ -120,6 +122,8 @@ static pliant_status list_corners(pliant_system *system)
         }
         for (int32_t n = 0; pass == 0 && n < system->num_free; n++) start[n + 2] += start[n + 1];
     }
+    memcpy(system->corner_end, start + 1, nodes * sizeof *start);
+    system->num_corners = start[nodes];
     return PLIANT_OK;
 }
 
@@ -134,7 +138,7 @@ static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corne
 {
     const pliant_macros *macros = system->macros;
     int32_t count = 0;
-    for (int32_t e = system->corner_start[column]; e < system->corner_start[column + 1]; e++) {
+    for (int32_t e = system->corner_start[column]; e < system->corner_end[column]; e++) {
         int32_t cube = cube_of_corner[system->corner[e]];
         for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++) {
             int32_t row = system->free_of_node[macros->node[c]];
@@ -264,7 +268,7 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
     memset(values, 0, (size_t)system->pattern.num_values * sizeof *values);
 #pragma omp parallel for schedule(dynamic, 4) num_threads(system->num_threads)
     for (int32_t column = 0; column < system->num_free; column++)
-        for (int32_t e = system->corner_start[column]; e < system->corner_start[column + 1]; e++)
+        for (int32_t e = system->corner_start[column]; e < system->corner_end[column]; e++)
             add_column(system, tangents, column, system->corner[e], values);
 }
 

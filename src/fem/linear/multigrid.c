@@ -201,7 +201,7 @@ static void fill_row(const pliant_grid_level *grid, level_values *level, const p
     size_t count = (size_t)(grid->row_start[row + 1] - grid->row_start[row]);
     float *blocks = level->blocks + 9 * (size_t)grid->row_start[row];
     memset(blocks, 0, 9 * count * sizeof *blocks);
-    for (int32_t e = system->corner_start[row]; e < system->corner_start[row + 1]; e++) {
+    for (int32_t e = system->corner_start[row]; e < system->corner_end[row]; e++) {
         int32_t corner = system->corner[e], cube = macros->cube_of_corner[corner], begin = macros->start[cube];
         double k[8 * 9];
         pliant_macro_column(system, tangents, corner, k);

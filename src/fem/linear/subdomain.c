@@ -44,7 +44,7 @@ static int32_t add_ring(const pliant_system *whole, int32_t first, int32_t last,
     const int32_t *nodes = pliant_element_nodes(whole);
     int32_t count = last;
     for (int32_t i = first; i < last; i++)
-        for (int32_t c = whole->corner_start[list[i]]; c < whole->corner_start[list[i] + 1]; c++) {
+        for (int32_t c = whole->corner_start[list[i]]; c < whole->corner_end[list[i]]; c++) {
             const int32_t element = pliant_element_of_corner(whole, whole->corner[c]);
             for (int32_t v = pliant_element_begin(whole, element); v < pliant_element_begin(whole, element + 1); v++) {
                 int32_t f = whole->free_of_node[nodes[v]];
@@ -78,13 +78,13 @@ static pliant_status find_elements(builder *build)
     pliant_mesh *mesh = &made->mesh;
     const size_t whole_nodes = (size_t)whole->mesh->num_nodes;
     size_t corners = 0, most = 0;
-    for (int32_t i = 0; i < build->count; i++) most += (size_t)(whole->corner_start[build->list[i] + 1] - whole->corner_start[build->list[i]]);
+    for (int32_t i = 0; i < build->count; i++) most += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
     build->element = pliant_calloc(most, sizeof *build->element);
     build->node = pliant_calloc(whole_nodes, sizeof *build->node);
     if (!build->element || !build->node) return no_memory();
     memset(build->node, 0xff, whole_nodes * sizeof *build->node);
     for (int32_t i = 0; i < build->count; i++)
-        for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_start[build->list[i] + 1]; c++) {
+        for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_end[build->list[i]]; c++) {
             const int32_t element = pliant_element_of_corner(whole, whole->corner[c]);
             if (build->is_here[element]) continue;
             build->is_here[element] = 1;

@@ -24,9 +24,11 @@ static pliant_status number_free(pliant_system *system, const uint8_t *fixed)
 static pliant_status list_corners(pliant_system *system)
 {
     const pliant_mesh *mesh = system->mesh;
-    system->corner_start = pliant_calloc((size_t)system->num_free + 2, sizeof *system->corner_start);
+    const size_t nodes = (size_t)system->num_free;
+    system->corner_start = pliant_calloc(nodes + 2, sizeof *system->corner_start);
+    system->corner_end = pliant_calloc(nodes, sizeof *system->corner_end);
     system->corner = pliant_calloc((size_t)mesh->num_tets, 4 * sizeof *system->corner);
-    if (!system->corner_start || !system->corner) return pliant_fail_memory("the unknowns");
+    if (!system->corner_start || !system->corner_end || !system->corner) return pliant_fail_memory("the unknowns");
     int32_t *start = system->corner_start;
     for (int32_t v = 0; v < 4 * mesh->num_tets; v++) {
         int32_t n = system->free_of_node[mesh->tets[v]];
@@ -37,6 +39,8 @@ static pliant_status list_corners(pliant_system *system)
         int32_t n = system->free_of_node[mesh->tets[v]];
         if (n >= 0) system->corner[start[n + 1]++] = v;
     }
+    memcpy(system->corner_end, start + 1, nodes * sizeof *start);
+    system->num_corners = start[nodes];
     return PLIANT_OK;
 }
 
@@ -60,22 +64,11 @@ static bool numbered_alike(const pliant_system *system, const pliant_system *bef
            memcmp(system->free_of_node, before->free_of_node, (size_t)before->mesh->num_nodes * sizeof *before->free_of_node) == 0;
 }
 
-/* Corners of what is not kept, in order; other: (unknowns) has such a corner, or had */
-static int32_t list_places(const pliant_system *system, const pliant_system *before, const uint8_t *kept, place *out, uint8_t *other)
-{
-    const pliant_mesh *mesh = system->mesh;
-    int32_t count = 0;
-    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
-        for (int32_t v = 4 * t; v < 4 * t + 4; v++) {
-            const int32_t now = system->free_of_node[mesh->tets[v]], was = t < before->mesh->num_tets ? before->free_of_node[before->mesh->tets[v]] : -1;
-            if (was >= 0) other[was] = 1;
-            if (now < 0) continue;
-            other[now] = 1;
-            out[count++] = (place){now, v};
-        }
-    qsort(out, (size_t)count, sizeof *out, by_unknown);
-    return count;
-}
+/* The list of a node of which a corner is not kept, or was of such a one: what it keeps, and what is listed. */
+typedef struct relist {
+    int32_t unknown, length;
+    int32_t begin, end;      /* of what is listed, in places */
+} relist;
 
 static int32_t count_not_kept(const uint8_t *kept, int32_t tets)
 {
@@ -84,54 +77,98 @@ static int32_t count_not_kept(const uint8_t *kept, int32_t tets)
     return count;
 }
 
-/* of one unknown: what it keeps, and what is listed; in order. Returns where the next one's begin */
-static int32_t merge(const pliant_system *before, const uint8_t *kept, int32_t unknown, const place *now, int32_t listed, int32_t at, int32_t *corner)
+/* Corners of what is not kept: those of now with their number, those of before with -1; in order */
+static int32_t list_places(const pliant_system *system, const pliant_system *before, const uint8_t *kept, place *out)
 {
-    int32_t n = 0;
-    const bool known = unknown < before->num_free;
-    for (int32_t c = known ? before->corner_start[unknown] : 0; known && c < before->corner_start[unknown + 1]; c++) {
-        if (!kept[before->corner[c] / 4]) continue;
-        while (n < listed && now[n].corner < before->corner[c]) corner[at++] = now[n++].corner;
-        corner[at++] = before->corner[c];
-    }
-    while (n < listed) corner[at++] = now[n++].corner;
-    return at;
-}
-
-static void fill_lists(pliant_system *system, const pliant_system *before, const uint8_t *kept, const place *now, int32_t count, const uint8_t *other)
-{
-    int32_t *start = system->corner_start, at = 0, listed = 0;
-    for (int32_t n = 0; n < system->num_free;) {
-        if (n < before->num_free && !other[n]) {
-            const uint8_t *end = memchr(other + n, 1, (size_t)(before->num_free - n));
-            const int32_t last = end ? (int32_t)(end - other) : before->num_free, from = before->corner_start[n], to = before->corner_start[last];
-            memcpy(system->corner + at, before->corner + from, (size_t)(to - from) * sizeof *system->corner);
-            for (; n < last; n++) start[n] = before->corner_start[n] - from + at;
-            at += to - from;
-            continue;
+    const pliant_mesh *mesh = system->mesh;
+    int32_t count = 0;
+    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1))
+        for (int32_t v = 4 * t; v < 4 * t + 4; v++) {
+            const int32_t now = system->free_of_node[mesh->tets[v]], was = t < before->mesh->num_tets ? before->free_of_node[before->mesh->tets[v]] : -1;
+            if (was >= 0) out[count++] = (place){was, -1};
+            if (now >= 0) out[count++] = (place){now, v};
         }
-        int32_t end = listed;
-        while (end < count && now[end].unknown == n) end++;
-        start[n] = at;
-        at = merge(before, kept, n++, now + listed, end - listed, at, system->corner);
-        listed = end;
-    }
-    start[system->num_free] = start[system->num_free + 1] = at;
-    memset(system->corner + at, 0, (4 * (size_t)system->mesh->num_tets - (size_t)at) * sizeof *system->corner);
+    qsort(out, (size_t)count, sizeof *out, by_unknown);
+    return count;
 }
 
-static pliant_status list_corners_next(pliant_system *system, const pliant_system *before, const uint8_t *kept)
+/* where its list was; none of one that there was not */
+static int32_t list_begin(const pliant_system *before, int32_t unknown) { return unknown < before->num_free ? before->corner_start[unknown] : 0; }
+static int32_t list_end(const pliant_system *before, int32_t unknown) { return unknown < before->num_free ? before->corner_end[unknown] : 0; }
+
+/* By node; *more: corners of lists that have no room where they were. Returns how many */
+static int32_t list_relists(const pliant_system *before, const uint8_t *kept, const place *now, int32_t count, relist *out, int32_t *more)
 {
-    const size_t tets = (size_t)system->mesh->num_tets, anew = 4 * (size_t)count_not_kept(kept, system->mesh->num_tets);
-    place *now = pliant_calloc(anew + 1, sizeof *now);
-    uint8_t *other = pliant_calloc((size_t)system->num_free, 1);
-    system->corner_start = pliant_room((size_t)system->num_free + 2, sizeof *system->corner_start);
-    system->corner = pliant_room(tets, 4 * sizeof *system->corner);
-    const bool good = now && other && system->corner_start && system->corner;
-    if (good) fill_lists(system, before, kept, now, list_places(system, before, kept, now, other), other);
+    int32_t lists = 0;
+    *more = 0;
+    for (int32_t end = 0; end < count; lists++) {
+        relist *one = out + lists;
+        *one = (relist){.unknown = now[end].unknown};
+        while (end < count && now[end].unknown == one->unknown && now[end].corner < 0) end++;
+        one->begin = end;
+        while (end < count && now[end].unknown == one->unknown) end++;
+        one->end = end;
+        one->length = end - one->begin;
+        const int32_t first = list_begin(before, one->unknown), last = list_end(before, one->unknown);
+        for (int32_t c = first; c < last; c++) one->length += kept[before->corner[c] / 4];
+        if (one->length > last - first) *more += one->length;
+    }
+    return lists;
+}
+
+/* in order, to where it is from now on */
+static void merge(const pliant_system *before, const uint8_t *kept, const relist *one, const place *now, int32_t *corner)
+{
+    int32_t n = one->begin;
+    for (int32_t c = list_begin(before, one->unknown); c < list_end(before, one->unknown); c++) {
+        if (!kept[before->corner[c] / 4]) continue;
+        while (n < one->end && now[n].corner < before->corner[c]) *corner++ = now[n++].corner;
+        *corner++ = before->corner[c];
+    }
+    while (n < one->end) *corner++ = now[n++].corner;
+}
+
+static void fill_lists(pliant_system *system, const pliant_system *before, const uint8_t *kept, const place *now, const relist *list, int32_t count)
+{
+    int32_t at = before->num_corners;
+    for (int32_t i = 0; i < count; i++) {
+        const size_t n = (size_t)list[i].unknown;
+        const bool fits = list[i].length <= list_end(before, list[i].unknown) - list_begin(before, list[i].unknown);
+        const int32_t first = fits && list[i].length > 0 ? before->corner_start[n] : at;
+        if (first == at) at += list[i].length;
+        system->corner_start[n] = first;
+        system->corner_end[n] = first + list[i].length;
+        merge(before, kept, list + i, now, system->corner + first);
+        pliant_writes(system->corner, (size_t)first, (size_t)list[i].length, sizeof *system->corner);
+        pliant_writes(system->corner_start, n, 1, sizeof *system->corner_start);
+        pliant_writes(system->corner_end, n, 1, sizeof *system->corner_end);
+    }
+}
+
+/* Lists stay where they are unless they get longer; *done: not where gaps are more than lists. */
+static pliant_status list_corners_next(pliant_system *system, const pliant_system *before, const uint8_t *kept, bool *done)
+{
+    const size_t anew = 8 * (size_t)count_not_kept(kept, system->mesh->num_tets) + 1;
+    place *now = pliant_calloc(anew, sizeof *now);
+    relist *list = pliant_calloc(anew, sizeof *list);
+    pliant_status status = now && list ? PLIANT_OK : pliant_fail_memory("the unknowns");
+    if (status == PLIANT_OK) {
+        int32_t more;
+        const int32_t count = list_relists(before, kept, now, list_places(system, before, kept, now), list, &more);
+        const size_t was = (size_t)before->num_free, is = (size_t)system->num_free, corners = (size_t)before->num_corners;
+        *done = corners + (size_t)more <= 8 * (size_t)system->mesh->num_tets;
+        if (*done) {
+            system->num_corners = before->num_corners + more;
+            system->corner_start = pliant_next_of(before->corner_start, was, is, sizeof *system->corner_start);
+            system->corner_end = pliant_next_of(before->corner_end, was, is, sizeof *system->corner_end);
+            system->corner = pliant_next_of(before->corner, corners, (size_t)system->num_corners, sizeof *system->corner);
+            if (system->corner_start && system->corner_end && system->corner) fill_lists(system, before, kept, now, list, count);
+            else status = pliant_fail_memory("the unknowns");
+        }
+    }
     pliant_free(now);
-    pliant_free(other);
-    return good ? PLIANT_OK : pliant_fail_memory("the unknowns");
+    pliant_free(list);
+    return status;
 }
 
 pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept)
@@ -139,7 +176,9 @@ pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fi
     pliant_status status = number_free(system, fixed);
     if (status == PLIANT_OK && system->macros) return pliant_macro_number(system);
     if (status != PLIANT_OK) return status;
-    return kept && !before->macros && numbered_alike(system, before) ? list_corners_next(system, before, kept) : list_corners(system);
+    bool done = false;
+    if (kept && !before->macros && numbered_alike(system, before)) status = list_corners_next(system, before, kept, &done);
+    return status == PLIANT_OK && !done ? list_corners(system) : status;
 }
 
 pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed) { return pliant_system_number_next(system, fixed, NULL, NULL); }
@@ -166,6 +205,28 @@ static double trace_of_block(const pliant_system *system, int32_t block)
     return sum;
 }
 
+/* (num_blocks) of before, but for the blocks of what is not kept, and those that were not full */
+static bool follow_traces(pliant_system *system, const pliant_system *before, const uint8_t *kept)
+{
+    const int32_t tets = system->mesh->num_tets, full = before->mesh->num_tets / LANES, same = full < system->num_blocks ? full : system->num_blocks;
+    if (!(system->trace = pliant_next_of(before->trace, (size_t)same, (size_t)system->num_blocks, sizeof *system->trace))) return false;
+    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < LANES * same && t < tets;) {
+        const int32_t block = t / LANES;
+        system->trace[block] = trace_of_block(system, block);
+        pliant_writes(system->trace, (size_t)block, 1, sizeof *system->trace);
+        t = pliant_next_not_kept(kept, tets, LANES * (block + 1));
+    }
+    for (int32_t block = same; block < system->num_blocks; block++) system->trace[block] = trace_of_block(system, block);
+    return true;
+}
+
+static bool find_traces(pliant_system *system)
+{
+    if (!(system->trace = pliant_room((size_t)system->num_blocks, sizeof *system->trace))) return false;
+    for (int32_t block = 0; block < system->num_blocks; block++) system->trace[block] = trace_of_block(system, block);
+    return true;
+}
+
 pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const pliant_system *before, const uint8_t *kept)
 {
     double sum = 0;
@@ -173,13 +234,8 @@ pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const plia
         system->mean_diagonal = pliant_macro_mean_diagonal(system);
         return PLIANT_OK;
     }
-    const int32_t tets = system->mesh->num_tets, same = kept && before->trace && !system->stiffness ? before->mesh->num_tets / LANES : 0;
-    if (!(system->trace = pliant_room((size_t)system->num_blocks, sizeof *system->trace))) return pliant_fail_memory("the elements");
-    for (int32_t block = 0; block < system->num_blocks; block++) {
-        const bool keeps = block < same && pliant_next_not_kept(kept, tets < LANES * (block + 1) ? tets : LANES * (block + 1), LANES * block) == LANES * (block + 1);
-        system->trace[block] = keeps ? before->trace[block] : trace_of_block(system, block);
-        sum += system->trace[block];
-    }
+    if (!(kept && before->trace && !system->stiffness ? follow_traces(system, before, kept) : find_traces(system))) return pliant_fail_memory("the elements");
+    for (int32_t block = 0; block < system->num_blocks; block++) sum += system->trace[block];
     system->mean_diagonal = sum / (3.0 * system->num_free);
     return PLIANT_OK;
 }

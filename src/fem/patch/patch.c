@@ -90,6 +90,13 @@ static bool serves(const pliant_data *data, int tool)
     return patch && patch->basis && patch->serves[tool] && patch_still_held(data, tool, patch->holds[tool].hold);
 }
 
+int pliant_patch_serves(const pliant_data *data)
+{
+    int count = 0;
+    for (int t = 0; t < data->num_tools; t++) count += serves(data, t);
+    return count;
+}
+
 static pliant_status room_create(const pliant_discretization *discretization, const pliant_basis *basis, patch_room *out)
 {
     out->element_forces = pliant_calloc((size_t)basis->system.num_blocks, sizeof *out->element_forces);
@@ -406,7 +413,7 @@ pliant_status pliant_patch_step(pliant_data *data)
     for (int32_t p = 0; p < data->contacts.count; p++) statistics->contacts += data->contacts.point[p].begun;
     statistics->penetration = fmax(patch->outside.count > 0 ? statistics->penetration : 0, own.penetration);
     pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
-    for (int t = 0; t < data->num_tools; t++) statistics->patched += serves(data, t);
+    statistics->patched = pliant_patch_serves(data);
     statistics->patch_iterations = own.iterations;
     statistics->patch_residual = own.residual;
     statistics->patch_moved = largest_apart(basis->mesh.num_nodes, solver->now.x, basis->mesh.rest);

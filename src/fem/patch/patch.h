@@ -38,6 +38,8 @@ void pliant_patch_reset(pliant_patch *patch);
 /* Before the tools interact: deliver what is due, start what is new, free what nothing holds. data->positions: of the last step.
  * Errors: MEMORY; the state is as before. */
 pliant_status pliant_patch_begin(pliant_data *data);
+/* How many tools the patches serve in this step, once it has begun. */
+int pliant_patch_serves(const pliant_data *data);
 /* The solver that a tool pulls at. */
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
 /* As pliant_solver_hold, of the solver that pliant_patch_solver says. */

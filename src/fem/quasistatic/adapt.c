@@ -51,6 +51,24 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
     return status;
 }
 
+/* Beside a cut through coarse elements: every element as the first one that its cube had before. Errors: MEMORY. */
+static pliant_status carry_before_by_cell(const pliant_system *system, const pliant_solver *from, pliant_nodal_rotations *axes)
+{
+    const pliant_system *before = from->system;
+    const int32_t *cells = system->mesh->cells;
+    int32_t *first = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], sizeof *first);
+    if (!first) return pliant_fail_memory("the solver");
+    for (int32_t w = pliant_element_count(before) - 1; w >= 0; w--) first[before->macros ? before->macros->cell[w] : before->mesh->lattice_of_tet[w] / 5] = w;
+    for (int32_t e = 0; e < pliant_element_count(system); e++) {
+        const int32_t w = first[system->macros ? system->macros->cell[e] : system->mesh->lattice_of_tet[e] / 5];
+        const double was = before->macros ? before->macros->shear[w] : before->lame[w / LANES][1][w % LANES];
+        const double now = system->macros ? system->macros->shear[e] : system->lame[e / LANES][1][e % LANES];
+        for (int m = 0; m < 9; m++) axes->before[e / LANES][m][e % LANES] = weigh_again(from->rotations->before[w / LANES][m][w % LANES], was, now);
+    }
+    pliant_free(first);
+    return PLIANT_OK;
+}
+
 /* What the preconditioner's axes are of stays as it was. Errors: MEMORY. */
 static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *source, const int32_t *tet)
 {
@@ -65,6 +83,7 @@ static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from
     for (int32_t f = 0; f < system->num_free; f++)
         for (int m = 0; m < 9; m++)
             axes->rotation[9 * (size_t)f + (size_t)m] = source[f] >= 0 ? from->rotations->rotation[9 * (size_t)source[f] + (size_t)m] : m % 4 == 0;
+    if (system->graded || from->system->graded) return carry_before_by_cell(system, from, axes);
     if (system->macros) return carry_macros_before(system, from, tet, axes);
     carry_tets_before(system, from, tet, axes);
     return PLIANT_OK;
@@ -77,7 +96,7 @@ static int32_t *sources_of(const pliant_system *system, const pliant_solver *fro
     int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
     pliant_preconditioner_source(from->preconditioner, &below);
     for (int32_t f = 0; source && f < system->num_free; f++) {
-        const int32_t before = from->system->free_of_node[node[system->node_of_free[f]]];
+        const int32_t was = node[system->node_of_free[f]], before = was >= 0 ? from->system->free_of_node[was] : -1;
         source[f] = before >= 0 && below ? below[before] : before;
     }
     return source;
@@ -88,7 +107,10 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     const pliant_system *system = solver->system;
     int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
     if (!source) return pliant_fail_memory("the solver");
-    for (int32_t f = 0; f < system->num_free; f++) source[f] = from->system->free_of_node[node[system->node_of_free[f]]];
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t was = node[system->node_of_free[f]];
+        source[f] = was >= 0 ? from->system->free_of_node[was] : -1;
+    }
     pliant_status status = carry_axes(solver, from, source, tet);
     pliant_free(source);
     if (status != PLIANT_OK) return status;
@@ -101,34 +123,19 @@ static pliant_status carry(pliant_solver *solver, const pliant_solver *from, con
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
-/* Where solved nodes are, also those that follow others, which may be free in the next body. Errors: MEMORY. */
-static pliant_status carry_positions(const pliant_solver *from, const pliant_body_map *map, double *x)
-{
-    const pliant_system *before = from->system;
-    if (!before->upsample) {
-        pliant_body_map_vectors(map, from->now.x, x);
-        return PLIANT_OK;
-    }
-    double *all = pliant_calloc(3 * (size_t)before->fine->num_nodes, sizeof *all);
-    if (!all) return pliant_fail_memory("the solver");
-    pliant_upsample_positions(before, from->now.x, all);
-    pliant_body_map_vectors(map, all, x);
-    pliant_free(all);
-    return PLIANT_OK;
-}
-
 pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
                                    const pliant_body_map *map, bool rests, pliant_solver **out)
 {
-    const int32_t *node = map->coarse_node ? map->coarse_node : map->node, *tet = map->coarse_node ? map->coarse_tet : map->tet;
+    const int32_t *node = NULL;
+    int32_t *own = NULL;
     pliant_solver *solver = NULL;
     pliant_status status = pliant_solver_create_without(scene, system, rests, &solver);
     if (status != PLIANT_OK) return status;
     carry_limits(solver, from);
-    if (!map->coarse_node) status = carry_positions(from, map, solver->now.x); /* also where the next body holds what moved before */
-    for (int32_t n = 0; map->coarse_node && n < system->mesh->num_nodes; n++)
-        memcpy(solver->now.x + 3 * n, from->now.x + 3 * node[n], 3 * sizeof *solver->now.x);
-    if (status == PLIANT_OK) status = carry(solver, from, node, tet, rests);
+    status = pliant_solved_sources(system, from->system, map, &own, &node);
+    if (status == PLIANT_OK) status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
+    if (status == PLIANT_OK) status = carry(solver, from, node, map->tet, rests);
+    pliant_free(own);
     solver->opened = true;
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);

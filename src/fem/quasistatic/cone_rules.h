@@ -220,8 +220,8 @@ PLIANT_INLINE void pliant_cone_set_right(const pliant_cones *on, int32_t p, doub
     for (int k = 0; k < 2; k++) right[1 + k] = on->friction[p] * f[0] * s[k] - f[1 + k] - part * (across[k][0] * moved[1] + across[k][1] * moved[2]);
 }
 
-/* (3 points x (3 points + 1)) */
-PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on, int32_t points)
+/* (3 points x (3 points + 1)); damping: so much of itself is added to A's diagonal */
+PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on, int32_t points, double damping)
 {
     const size_t row = 3 * (size_t)on->count, width = 3 * (size_t)points + 1;
     for (int32_t e = team->rank; e < points * points; e += team->size) {
@@ -230,6 +230,7 @@ PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pli
         double block[9], *out = on->equations + 3 * (size_t)i * width + 3 * (size_t)j;
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++) block[3 * r + c] = on->matrix[(3 * (size_t)p + (size_t)r) * row + 3 * (size_t)q + (size_t)c];
+        for (int r = 0; r < 3 && i == j; r++) block[4 * r] *= 1 + damping;
         if (point->kind == PLIANT_CONE_SLIDES) pliant_cone_slide_rows(point, on->friction[p], i == j, block);
         for (int r = 0; r < 3; r++)
             for (int c = 0; c < 3; c++) out[(size_t)r * width + (size_t)c] = block[3 * r + c];
@@ -290,13 +291,13 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
 }
 
 /* The equations of all that are not open, linear around where they are, to change and moved. false: there are too many */
-PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on)
+PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
 {
     bool opens;
     const int32_t points = pliant_cones_look(team, on, &opens);
     if (3 * points > PLIANT_CONE_TOGETHER) return false;
     if (opens) pliant_cones_move(team, on);
-    pliant_cones_set_equations(team, on, points);
+    pliant_cones_set_equations(team, on, points, damping);
     pliant_cones_eliminate(team, on, points);
     pliant_cones_move(team, on);
     return true;
@@ -391,23 +392,48 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
     pliant_cones_take(team, on, 1.0);
 }
 
-/* Forces and motions from what is known of them. Returns the steps and sweeps that it took; negative: so many sweeps, and there are too many points for
- * more than that. */
+/* Newton's step, and where it does not lead on, steps that are damped more and more (Levenberg, Quart. Appl. Math. 2:164, 1944): points of one triangle say
+ * nearly the same, and what they do to each other is no small number then. false: there are too many points. left, steps: in and out; leads: out */
+PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps, bool *leads)
+{
+    const double damping[] = {0, 1e-3, 3e-2};
+    *leads = false;
+    for (int d = 0; d < 3 && !*leads; d++) {
+        if (!pliant_cones_newton(team, on, damping[d])) return false;
+        ++*steps;
+        *leads = pliant_cones_search(team, on, left);
+    }
+    return true;
+}
+
+/* f'f */
+PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_cones *on)
+{
+    double own = 0;
+    for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) own += on->force[i] * on->force[i];
+    return pliant_team_sum(team, own);
+}
+
+/* Forces and motions from what is known of them. Sweeps come first where they are far from right: who is open, as a whole step of Newton's method sees it from
+ * there, is wrong more often. Returns the steps and sweeps that it took; negative: so many sweeps, and there are too many points for more than that. */
 PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
 {
-    const double wanted = 1e-9, enough = 1e-7; /* of the forces; where no step leads on */
-    const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32;
+    const double wanted = 1e-9, enough = 1e-7, far = 1e-3; /* of the forces; enough: where no step leads on */
+    const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32, first_sweeps = 3;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
-    for (double left = pliant_cones_residual(team, on, 0.0); steps < most_steps && sweeps < most_sweeps;) {
-        double own = 0;
-        for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) own += on->force[i] * on->force[i];
-        const double size = pliant_team_sum(team, own);
+    double left = pliant_cones_residual(team, on, 0.0);
+    if (left > far * far * pliant_cones_size(team, on)) {
+        for (; sweeps < first_sweeps; sweeps++) pliant_cones_sweep(team, on);
+        left = pliant_cones_residual(team, on, 0.0);
+    }
+    while (steps < most_steps && sweeps < most_sweeps) {
+        const double size = pliant_cones_size(team, on);
         bool ends = left <= wanted * wanted * size;
         if (!ends) {
-            if (!pliant_cones_newton(team, on)) return -sweeps - 1;
-            steps++;
-            if (pliant_cones_search(team, on, &left)) continue;
+            bool leads;
+            if (!pliant_cones_step(team, on, &left, &steps, &leads)) return -sweeps - 1;
+            if (leads) continue;
             ends = left <= enough * enough * size;
         }
         if (ends) {

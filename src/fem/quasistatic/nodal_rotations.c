@@ -133,7 +133,7 @@ void pliant_nodal_rotations_update(const pliant_system *system, const double *po
                 for (int m = 0; m < 9; m += 4) sum[m][l] = 1;
                 continue;
             }
-            for (int32_t c = system->corner_start[n]; c < system->corner_start[n + 1]; c++) {
+            for (int32_t c = system->corner_start[n]; c < system->corner_end[n]; c++) {
                 int32_t element = system->macros ? system->macros->cube_of_corner[system->corner[c]] : system->corner[c] / 4;
                 for (int m = 0; m < 9; m++) sum[m][l] += rotations->product[element / LANES][element % LANES][m];
             }

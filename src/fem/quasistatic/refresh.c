@@ -147,8 +147,8 @@ static pliant_status refresh_create(pliant_solver *solver)
     pliant_status status = refresh->x && refresh->now ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
-    if (base) refresh->layered = pliant_preconditioner_layered(*base);
-    if (status == PLIANT_OK && base && !refresh->layered) status = order_after(solver, *base, refresh);
+    if (base) refresh->layered = pliant_preconditioner_layered(*base) && !system->graded; /* fine elements in a coarse lattice have no coarser one */
+    if (status == PLIANT_OK && base && !refresh->layered && !system->graded) status = order_after(solver, *base, refresh);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
 }
@@ -275,8 +275,12 @@ static pliant_status put_below(pliant_solver *solver, pliant_statistics *statist
         pliant_free(x);
         return pliant_fail_memory("the preconditioner");
     }
-    for (int32_t f = 0; f < system->num_free; f++) source[f] = refresh->system.free_of_node[refresh->source[system->node_of_free[f]]];
-    for (int32_t n = 0; n < system->mesh->num_nodes; n++) memcpy(x + 3 * n, refresh->x + 3 * refresh->source[n], 3 * sizeof *x);
+    for (int32_t f = 0; f < system->num_free; f++) {
+        const int32_t was = refresh->source[system->node_of_free[f]];
+        source[f] = was >= 0 ? refresh->system.free_of_node[was] : -1;
+    }
+    for (int32_t n = 0; n < system->mesh->num_nodes; n++)
+        memcpy(x + 3 * n, refresh->source[n] >= 0 ? refresh->x + 3 * refresh->source[n] : solver->now.x + 3 * n, 3 * sizeof *x);
     pliant_nodal_rotations_refer(system, x, solver->rotations);
     pliant_nodal_rotations_update(system, solver->now.x, solver->rotations);
     pliant_free(x);
@@ -384,7 +388,7 @@ pliant_status pliant_refresh_carry(pliant_solver *solver, const pliant_solver *f
     const size_t nodes = (size_t)solver->system->mesh->num_nodes;
     if (refresh) refresh->source = pliant_calloc(nodes, sizeof *refresh->source);
     if (!refresh || !refresh->source) return pliant_fail_memory("the background factorization");
-    for (size_t n = 0; n < nodes; n++) refresh->source[n] = before->source ? before->source[source[n]] : source[n];
+    for (size_t n = 0; n < nodes; n++) refresh->source[n] = before->source && source[n] >= 0 ? before->source[source[n]] : source[n];
     return PLIANT_OK;
 }
 

@@ -115,7 +115,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     rules->smallest_displacement = 1e-3 * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
-    solver->dense_weights = pliant_calloc((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
     solver->now.x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
     pliant_status status = solver->load && solver->dense_weights && solver->now.x ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK && !rests) status = pliant_solver_wake(solver);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <sstream>
 #include <stdexcept>
 
 namespace pliant_ros {
@@ -294,6 +295,19 @@ pliant_background_kind read_background(XmlRpcValue &value)
     return kind == "live" ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED;
 }
 
+/* "FRAME=FILE ..."; whether the files are there is seen when they are read */
+std::string read_hand_eye(const std::string &name, XmlRpcValue &value)
+{
+    const std::string out = text(name, value);
+    std::istringstream words(out);
+    for (std::string word; words >> word;) {
+        const size_t sign = word.find('=');
+        if (sign == std::string::npos || sign == 0 || sign + 1 == word.size())
+            refuse("~" + name + ": " + word + ": FRAME=FILE is wanted, such as PSM1_base=/data/PSM1-registration-open-cv.json");
+    }
+    return out;
+}
+
 bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     static const char *const planes[] = {"slice/axial", "slice/coronal", "slice/sagittal"};
@@ -306,7 +320,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "tissue_frame") out->tissue_frame = text(name, value);
     else if (name == "tissue_pose") out->tissue_pose = read_pose(name, value);
     else if (name == "registration") out->registration = text(name, value);
-    else if (name == "hand_eye") out->hand_eye = text(name, value);
+    else if (name == "hand_eye") out->hand_eye = read_hand_eye(name, value);
     else if (name == "checkpoint") out->checkpoint = text(name, value);
     else if (name == "checkpoint_period") out->checkpoint_period = number(name, value, 0.05, 3600);
     else if (name == "background") out->background = read_background(value);

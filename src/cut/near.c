@@ -1,0 +1,108 @@
+/* Which tetrahedra a blade may be near: the nodes of some cubes of the lattice together are in a box, and so are all tetrahedra between them. */
+#include "cut/work.h"
+
+#include "base/fail.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Cubes along each axis whose first nodes share a box. */
+enum { GROUP = 2 };
+
+typedef struct node_box {
+    double low[3], high[3];
+} node_box;
+
+typedef struct node_groups {
+    const pliant_mesh *mesh;
+    int32_t count[3];
+    node_box *box;
+} node_groups;
+
+static int32_t group_at(const node_groups *groups, const int32_t at[3]) { return at[0] + groups->count[0] * (at[1] + groups->count[1] * at[2]); }
+
+static void take_in(const node_box *one, node_box *all)
+{
+    for (int d = 0; d < 3; d++) {
+        if (one->low[d] < all->low[d]) all->low[d] = one->low[d];
+        if (one->high[d] > all->high[d]) all->high[d] = one->high[d];
+    }
+}
+
+static const node_box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+/* copies are where their sources are on the lattice; nodes run along its rows */
+static void find_boxes(node_groups *groups, const double *positions)
+{
+    const pliant_mesh *mesh = groups->mesh;
+    const int32_t row = mesh->cells[0] + 1, rows = mesh->cells[1] + 1;
+    int32_t begin = 0, first = 0; /* of the row that the last node was in: its number on the lattice, and of its groups */
+    for (int32_t g = 0; g < groups->count[0] * groups->count[1] * groups->count[2]; g++) groups->box[g] = nothing;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        const int32_t node = mesh->lattice_of_node[n];
+        if (node < begin || node >= begin + row) {
+            const int32_t at[3] = {0, node / row % rows / GROUP, node / row / rows / GROUP};
+            begin = node / row * row;
+            first = group_at(groups, at);
+        }
+        const double *x = positions + 3 * (size_t)n;
+        const node_box one = {{x[0], x[1], x[2]}, {x[0], x[1], x[2]}};
+        take_in(&one, groups->box + first + (node - begin) / GROUP);
+    }
+}
+
+/* A tetrahedron's box reaches further by a share of its own size, which is no more than that of all. */
+static bool may_be_near(const node_groups *groups, const int32_t at[3], const cut_strip *strip, double reach, double slack)
+{
+    node_box all = nothing;
+    for (int corner = 0; corner < 8; corner++) {
+        int32_t other[3];
+        for (int d = 0; d < 3; d++) other[d] = at[d] + (corner >> d & 1) < groups->count[d] ? at[d] + (corner >> d & 1) : at[d];
+        take_in(groups->box + group_at(groups, other), &all);
+    }
+    for (int d = 0; d < 3; d++) {
+        const double more = reach * (all.high[d] - all.low[d]) + slack;
+        if (!(all.low[d] - more <= strip->high[d] && all.high[d] + more >= strip->low[d])) return false;
+    }
+    return true;
+}
+
+static void mark(const node_groups *groups, const int32_t at[3], uint8_t *near)
+{
+    const pliant_mesh *mesh = groups->mesh;
+    int32_t cell[3], last[3];
+    for (int d = 0; d < 3; d++) last[d] = GROUP * (at[d] + 1) < mesh->cells[d] ? GROUP * (at[d] + 1) : mesh->cells[d];
+    for (cell[2] = GROUP * at[2]; cell[2] < last[2]; cell[2]++)
+        for (cell[1] = GROUP * at[1]; cell[1] < last[1]; cell[1]++)
+            for (cell[0] = GROUP * at[0]; cell[0] < last[0]; cell[0]++) {
+                const int32_t *tets = mesh->tet_of_lattice + 5 * ((size_t)cell[0] + (size_t)mesh->cells[0] * ((size_t)cell[1] + (size_t)mesh->cells[1] * (size_t)cell[2]));
+                for (int slot = 0; slot < 5; slot++)
+                    if (tets[slot] >= 0) near[tets[slot]] = 1;
+            }
+}
+
+pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach, double slack, uint8_t **out)
+{
+    const pliant_mesh *mesh = &body->fine;
+    const int32_t load = body->voxels->num_tets;
+    node_groups groups = {.mesh = mesh};
+    uint8_t *near = *out = pliant_calloc((size_t)mesh->num_tets, 1);
+    if (!near) return pliant_fail_memory("what a blade touches");
+    if (!mesh->tet_of_lattice || !mesh->lattice_of_node) { /* leaves of an octree */
+        memset(near, 1, (size_t)mesh->num_tets);
+        return PLIANT_OK;
+    }
+    memset(near + load, 1, (size_t)(mesh->num_tets - load)); /* fragments, which are few */
+    for (int d = 0; d < 3; d++) groups.count[d] = mesh->cells[d] / GROUP + 1;
+    groups.box = pliant_calloc((size_t)groups.count[0] * (size_t)groups.count[1] * (size_t)groups.count[2], sizeof *groups.box);
+    if (!groups.box) return pliant_fail_memory("what a blade touches");
+    find_boxes(&groups, positions);
+    int32_t at[3];
+    for (at[2] = 0; at[2] < groups.count[2]; at[2]++)
+        for (at[1] = 0; at[1] < groups.count[1]; at[1]++)
+            for (at[0] = 0; at[0] < groups.count[0]; at[0]++)
+                if (may_be_near(&groups, at, strip, reach, slack)) mark(&groups, at, near);
+    pliant_free(groups.box);
+    return PLIANT_OK;
+}

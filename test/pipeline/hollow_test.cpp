@@ -1,0 +1,117 @@
+// A hollow in a block that is squeezed until it closes.
+#include "body.h"
+
+#include <algorithm>
+#include <cstdlib>
+
+namespace {
+
+constexpr double h = 0.005;
+
+// 40 x 10 x 30 mm; a tunnel of 20 x 10 mm goes through it
+struct Hollow : Body {
+    int tool = -1;
+    double tip[3] = {4 * h, h, 6 * h};
+
+    explicit Hollow(bool dynamic, bool self = true)
+        : Body(std::vector<int>{8, 2, 6}.data(), std::vector<double>{8 * h, 2 * h, 6 * h}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+               [](int i, int, int k) { return i >= 2 && i < 6 && k >= 2 && k < 4; })
+    {
+        fix_plane(0, 0, 1e-6, 0, 0, 1);
+        cells(8, 2, 6, 1);
+        scene.contact.self = self;
+        scene.contact.friction = 0.2;
+        if (dynamic) {
+            scene.solver.kind = PLIANT_TLED;
+            scene.solver.step = 0.01;
+            scene.tled.damping = 40;
+        }
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        pliant_tool_shape plate{};
+        plate.num_parts = 1;
+        plate.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.03, -0.03, 0}, {0.03, 0.03, 0.01}, 0, false};
+        EXPECT_EQ(pliant_tool_add(model, data, "plate", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_shape(data, tool, &plate), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+    }
+    void squeeze(double by)
+    {
+        tip[2] -= by;
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        EXPECT_GE(pliant_step(model, data), PLIANT_OK) << pliant_last_error();
+    }
+    // how many tetrahedra a point is in
+    int holders(const double p[3]) const
+    {
+        const pliant_mesh &mesh = data->body->fine;
+        int count = 0;
+        for (int32_t t = 0; t < mesh.num_tets; t++) {
+            const double *x[4];
+            bool in = true;
+            for (int v = 0; v < 4; v++) x[v] = data->positions + 3 * mesh.tets[4 * t + v];
+            for (int v = 0; v < 4 && in; v++) {
+                double e[3][3], side[2] = {0, 0};
+                for (int d = 0; d < 3; d++) {
+                    e[0][d] = x[(v + 2) % 4][d] - x[(v + 1) % 4][d];
+                    e[1][d] = x[(v + 3) % 4][d] - x[(v + 1) % 4][d];
+                }
+                for (int d = 0; d < 3; d++) {
+                    e[2][d] = e[0][(d + 1) % 3] * e[1][(d + 2) % 3] - e[0][(d + 2) % 3] * e[1][(d + 1) % 3];
+                    side[0] += e[2][d] * (x[v][d] - x[(v + 1) % 4][d]);
+                    side[1] += e[2][d] * (p[d] - x[(v + 1) % 4][d]);
+                }
+                in = side[0] * side[1] > 0;
+            }
+            count += in;
+        }
+        return count;
+    }
+    // of random points, over what the hollow was: open: how much of it is left; twice: how much tissue lies in tissue
+    void volumes(double *open, double *twice) const
+    {
+        const int points = 1500;
+        const double low[3] = {2 * h, 0, 0}, high[3] = {6 * h, 2 * h, 4 * h};
+        const double part = (high[0] - low[0]) * (high[1] - low[1]) * (high[2] - low[2]) / (16 * h * h * h * points);
+        std::srand(3);
+        *open = *twice = 0;
+        for (int n = 0; n < points; n++) {
+            double p[3];
+            for (int d = 0; d < 3; d++) p[d] = low[d] + (high[d] - low[d]) * std::rand() / RAND_MAX;
+            const int in = p[2] < tip[2] ? holders(p) : 1;
+            *open += in == 0 ? part : 0;
+            *twice += in > 1 ? part : 0;
+        }
+    }
+};
+
+TEST(Hollow, ClosesWithoutInterpenetration)
+{
+    for (const bool dynamic : {false, true}) {
+        Hollow hollow(dynamic);
+        double open, twice;
+        for (int s = 0; s < 26; s++) {
+            hollow.squeeze(5e-4);
+            if (s == 10) {
+                hollow.volumes(&open, &twice);
+                EXPECT_GT(open, 0.4);
+                EXPECT_EQ(twice, 0);
+            } else if (s > 19) {
+                hollow.volumes(&open, &twice);
+                EXPECT_LT(twice, 0.005) << s;
+            }
+            EXPECT_LT(hollow.data->statistics.penetration, 0.01 * h) << s;
+        }
+        EXPECT_LT(open, 0.1) << "corners are left";
+    }
+}
+
+TEST(Hollow, GoesIntoItselfWithoutSelfContact)
+{
+    Hollow hollow(false, false);
+    double open, twice;
+    for (int s = 0; s < 26; s++) hollow.squeeze(5e-4);
+    hollow.volumes(&open, &twice);
+    EXPECT_GT(twice, 0.05);
+}
+
+} // namespace

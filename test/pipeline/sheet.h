@@ -1,0 +1,147 @@
+// A sheet of tissue that tools meet, and tools.
+#ifndef PLIANT_TEST_SHEET_H
+#define PLIANT_TEST_SHEET_H
+
+#include "body.h"
+#include "contact/shapes.h"
+
+// A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
+struct Sheet : Body {
+    explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0) : Body(size, box, {{4000, 0.4, 1000, false}})
+    {
+        fix_plane(0.001, 0, 0, 1, 0, 0);
+        fix_plane(0.059, 0, 0, -1, 0, 0);
+        cells(6, 6, 1, 1);
+        scene.solver.threads = threads;
+        scene.solver.iterations = 30;
+        scene.solver.tolerance = 1e-4;
+        scene.solver.budget_ms = budget_ms;
+        scene.contact.friction = friction;
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+    }
+    int add(const char *name, const pliant_tool_shape &shape, double x, double y, double z)
+    {
+        int tool = -1;
+        const double tip[3] = {x, y, z};
+        EXPECT_EQ(pliant_tool_add(model, data, name, &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
+        return tool;
+    }
+    void move(int tool, double x, double y, double z, const double *rotation = nullptr)
+    {
+        const double tip[3] = {x, y, z};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, rotation), PLIANT_OK);
+    }
+    // of any node from where it rests; NAN: a position is none
+    double farthest() const
+    {
+        double most = 0;
+        const pliant_mesh &fine = model->body->fine;
+        for (int32_t n = 0; n < 3 * fine.num_nodes; n++) {
+            if (!std::isfinite(data->positions[n])) return NAN;
+            most = std::fmax(most, std::fabs(data->positions[n] - fine.rest[n]));
+        }
+        return most;
+    }
+    // the deepest that a node is in a tool
+    double deepest(int index) const
+    {
+        const pliant_tool &tool = data->tools[index];
+        double least = 0;
+        for (int32_t p = 0; p < tool.shape.num_parts; p++) {
+            pliant_pose pose;
+            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.tip, tool.rotation, tool.jaw, &pose);
+            for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
+                double local[3], normal[3];
+                pliant_pose_from(&pose, data->positions + 3 * n, local);
+                least = std::fmin(least, pliant_part_distance(&tool.shape.part[p], local, normal));
+            }
+        }
+        return -least;
+    }
+
+    // the same of its triangles
+    double deepest_of_surface(int index) const
+    {
+        enum { PARTS = 16 };
+        const pliant_tool &tool = data->tools[index];
+        const pliant_body *body = data->body;
+        double least = 0;
+        pliant_pose pose;
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
+        for (int32_t t = 0; t < body->num_triangles; t++)
+            for (int i = 0; i <= PARTS; i++)
+                for (int j = 0; i + j <= PARTS; j++) {
+                    const int weight[3] = {i, j, PARTS - i - j};
+                    double at[3] = {0, 0, 0}, local[3], normal[3];
+                    for (int c = 0; c < 9; c++) at[c % 3] += weight[c / 3] * data->positions[3 * body->triangles[3 * t + c / 3] + c % 3] / PARTS;
+                    pliant_pose_from(&pose, at, local);
+                    least = std::fmin(least, pliant_part_distance(&tool.shape.part[0], local, normal));
+                }
+        return -least;
+    }
+    // points along the middle of a tool's only part that lie in tissue
+    int middles_inside(int index) const
+    {
+        enum { POINTS = 200 };
+        const pliant_tool &tool = data->tools[index];
+        const pliant_part &part = tool.shape.part[0];
+        const pliant_mesh &fine = data->body->fine;
+        pliant_pose pose;
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
+        int inside = 0;
+        for (int p = 0; p <= POINTS; p++) {
+            double local[3], at[3];
+            for (int d = 0; d < 3; d++) {
+                const bool solid = part.kind == PLIANT_PART_SOLID, box = part.kind == PLIANT_PART_BOX;
+                const double from = box && d < 2 ? 0.5 * (part.from[d] + part.to[d]) : part.from[d], to = box && d < 2 ? from : solid ? (d == 2 ? 0.02 : 0) : part.to[d];
+                local[d] = from + (to - from) * (p + 2) / (POINTS + 4); // not in its ends
+            }
+            pliant_pose_to(&pose, local, at);
+            for (int32_t t = 0; t < fine.num_tets; t++) {
+                const int32_t *node = fine.tets + 4 * t;
+                double edge[3][3], to[3];
+                for (int d = 0; d < 3; d++) {
+                    for (int v = 0; v < 3; v++) edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
+                    to[d] = at[d] - data->positions[3 * node[0] + d];
+                }
+                const auto triple = [](const double *a, const double *b, const double *c) {
+                    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+                };
+                const double whole = triple(edge[0], edge[1], edge[2]), a = triple(to, edge[1], edge[2]) / whole, b = triple(edge[0], to, edge[2]) / whole,
+                             c = triple(edge[0], edge[1], to) / whole;
+                if (whole > 0 && a > 0 && b > 0 && c > 0 && a + b + c < 1) {
+                    inside++;
+                    break;
+                }
+            }
+        }
+        return inside;
+    }
+
+private:
+    static constexpr int size[3] = {12, 12, 2};
+    static constexpr double box[3] = {0.06, 0.06, 0.004};
+};
+constexpr int Sheet::size[3];
+constexpr double Sheet::box[3];
+
+// along y, across the sheet
+inline pliant_tool_shape rod(double radius, double length = 0.1)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.5 * length, 0}, {0, 0.5 * length, 0}, radius, false};
+    return shape;
+}
+
+inline pliant_tool_shape ball(double radius)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0] = {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, radius, false};
+    return shape;
+}
+
+#endif
