@@ -208,7 +208,7 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
         ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &told), PLIANT_OK);
         double bound = std::fmin(told.edge_bound, told.eigenvalue_bound);
         // a whole number of sub-steps a frame rounds the step down: take a frame of exactly so many
-        bar.scene.solver.step = 40 * safety * bound;
+        bar.scene.solver.step = 80 * safety * bound;
         ASSERT_EQ(bar.build(), PLIANT_OK);
         EXPECT_NEAR(bar.data->tled->time_step, safety * bound, 1e-6 * bound);
         if (safety < 1) {

@@ -253,7 +253,7 @@ static void *next_of(const header *from, size_t kept_bytes, size_t bytes)
     header *block = take_alike(from, room);
     if (!block) {
         if (!(block = from_system(room, ALIGNMENT))) return NULL;
-        if (!(block->stamp = calloc(pieces_of(room), sizeof *block->stamp))) {
+        if (fails_now() || !(block->stamp = calloc(pieces_of(room), sizeof *block->stamp))) {
             give_back(block);
             return NULL;
         }

@@ -77,10 +77,10 @@ void pliant_body_release(const pliant_body *body)
 
 bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
 
-/* *to: a copy of count elements; NULL stays NULL. false: no memory */
 /* an array, Nullable, to where a pointer to it is kept; false: no memory */
 typedef bool (*copying)(const void *from, size_t count, size_t size, void *to);
 
+/* *to: a copy of count elements; NULL stays NULL */
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;

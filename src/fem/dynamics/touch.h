@@ -104,15 +104,13 @@ PLIANT_INLINE void pliant_touch_strike(const pliant_touch_nodes *nodes, double f
 }
 
 /* Sides that face each other are put apart by an impulse, and the next sub-step takes back what speed that gave: what is shifted without any has a moment of
- * its own, the shift times the speed across it. As a frame ends, the shift is left to the next one. slip: what is left of it */
+ * its own, the shift times the speed across it. As a frame ends, the shift is left to the next one. */
 PLIANT_INLINE void pliant_touch_put_apart(const pliant_touch_nodes *nodes, const pliant_touch_time *time, const pliant_contact_point *point, const pliant_facing *facing,
-                                          const double push[3], const double shift[3], pliant_tled_touch *touch, double slip[3])
+                                          const double push[3], const double shift[3], pliant_tled_touch *touch)
 {
-    double impulse[3], along = 0;
-    for (int d = 0; d < 3; d++) along += shift[d] * point->normal[d];
+    double impulse[3];
     for (int d = 0; d < 3; d++) {
-        if (time->last) slip[d] -= shift[d] - along * point->normal[d];
-        else touch->owed[d] = shift[d] / touch->answer;
+        if (!time->last) touch->owed[d] = shift[d] / touch->answer;
         impulse[d] = push[d] / touch->answer + touch->owed[d];
     }
     pliant_touch_strike(nodes, time->factor, point, facing, impulse);
@@ -164,7 +162,7 @@ PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const p
         if (!touch->pressed) touch->anchor[d] = y[d];
     }
     if (!touch->pressed) return 0;
-    if (struck) pliant_touch_put_apart(nodes, time, point, &facing, push, shift, touch, slip);
+    if (struck) pliant_touch_put_apart(nodes, time, point, &facing, push, shift, touch);
     for (int d = 0; d < 3; d++) {
         if (time->still) { /* no speed that must not grow, and what moves is not at rest */
             push[d] += shift[d];

@@ -205,12 +205,12 @@ static double trace_of_block(const pliant_system *system, int32_t block)
     return sum;
 }
 
-/* (num_blocks) of before, but for the blocks of what is not kept, and those that were not full */
+/* (num_blocks) of before, but for the blocks of what is not kept, and those that were not full or are not */
 static bool follow_traces(pliant_system *system, const pliant_system *before, const uint8_t *kept)
 {
-    const int32_t tets = system->mesh->num_tets, full = before->mesh->num_tets / LANES, same = full < system->num_blocks ? full : system->num_blocks;
+    const int32_t tets = system->mesh->num_tets, were = before->mesh->num_tets, same = (tets < were ? tets : were) / LANES;
     if (!(system->trace = pliant_next_of(before->trace, (size_t)same, (size_t)system->num_blocks, sizeof *system->trace))) return false;
-    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < LANES * same && t < tets;) {
+    for (int32_t t = pliant_next_not_kept(kept, tets, 0); t < LANES * same;) {
         const int32_t block = t / LANES;
         system->trace[block] = trace_of_block(system, block);
         pliant_writes(system->trace, (size_t)block, 1, sizeof *system->trace);

@@ -51,19 +51,22 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
     return status;
 }
 
-/* Beside a cut through coarse elements: every element as the first one that its cube had before. Errors: MEMORY. */
+/* Beside a cut through coarse elements: every element as the first one that its cube had before, at rest where it had none. Errors: MEMORY. */
 static pliant_status carry_before_by_cell(const pliant_system *system, const pliant_solver *from, pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
     const int32_t *cells = system->mesh->cells;
-    int32_t *first = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], sizeof *first);
+    const size_t count = (size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2];
+    int32_t *first = pliant_calloc(count, sizeof *first);
     if (!first) return pliant_fail_memory("the solver");
+    for (size_t c = 0; c < count; c++) first[c] = -1;
     for (int32_t w = pliant_element_count(before) - 1; w >= 0; w--) first[before->macros ? before->macros->cell[w] : before->mesh->lattice_of_tet[w] / 5] = w;
     for (int32_t e = 0; e < pliant_element_count(system); e++) {
         const int32_t w = first[system->macros ? system->macros->cell[e] : system->mesh->lattice_of_tet[e] / 5];
-        const double was = before->macros ? before->macros->shear[w] : before->lame[w / LANES][1][w % LANES];
         const double now = system->macros ? system->macros->shear[e] : system->lame[e / LANES][1][e % LANES];
-        for (int m = 0; m < 9; m++) axes->before[e / LANES][m][e % LANES] = weigh_again(from->rotations->before[w / LANES][m][w % LANES], was, now);
+        const double was = w < 0 ? 0 : before->macros ? before->macros->shear[w] : before->lame[w / LANES][1][w % LANES];
+        for (int m = 0; m < 9; m++)
+            axes->before[e / LANES][m][e % LANES] = w < 0 ? (m % 4 == 0) * now : weigh_again(from->rotations->before[w / LANES][m][w % LANES], was, now);
     }
     pliant_free(first);
     return PLIANT_OK;

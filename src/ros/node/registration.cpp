@@ -1,12 +1,11 @@
 #include "ros/node/registration.h"
 
-#include "fem/element/signed_svd.h"
 #include "ros/params/start.h"
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 #include <ros/console.h>
+#include <tf2_eigen/tf2_eigen.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -23,37 +22,22 @@ namespace {
 /* the second direction of the points has to be this part of the first, or a turn about the first is anybody's guess */
 const double LEAST_WIDTH = 0.02;
 
-using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
-
-Eigen::Vector3d vector_of(const geometry_msgs::Point &point) { return Eigen::Vector3d(point.x, point.y, point.z); }
-
-Eigen::Vector3d mean_of(const std::vector<geometry_msgs::Point> &points)
+Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
 {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    for (const geometry_msgs::Point &point : points) sum += vector_of(point);
-    return sum / static_cast<double>(points.size());
-}
-
-/* sum of a b' over pairs, each from its own mean */
-RowMajor moments(const std::vector<geometry_msgs::Point> &a, const Eigen::Vector3d &mean_a, const std::vector<geometry_msgs::Point> &b, const Eigen::Vector3d &mean_b)
-{
-    RowMajor out = RowMajor::Zero();
-    for (size_t p = 0; p < a.size(); ++p) out += (vector_of(a[p]) - mean_a) * (vector_of(b[p]) - mean_b).transpose();
+    Eigen::Matrix3Xd out(3, points.size());
+    for (size_t p = 0; p < points.size(); ++p) out.col(static_cast<Eigen::Index>(p)) << points[p].x, points[p].y, points[p].z;
     return out;
 }
 
-bool spans_a_plane(const std::vector<geometry_msgs::Point> &points, const Eigen::Vector3d &mean)
+bool spans_a_plane(const Eigen::Matrix3Xd &points)
 {
-    RowMajor squares = moments(points, mean, points, mean), axes; /* the squares of the widths are its eigenvalues */
-    pliant_jacobi(squares.data(), axes.data());
-    Eigen::Vector3d widths = squares.diagonal();
-    std::sort(widths.data(), widths.data() + 3);
-    return widths[2] > 0 && widths[1] > LEAST_WIDTH * LEAST_WIDTH * widths[2];
+    const Eigen::Matrix3Xd spread = points.colwise() - points.rowwise().mean().eval();
+    const Eigen::Vector3d widths = Eigen::JacobiSVD<Eigen::Matrix3Xd>(spread).singularValues();
+    return widths[0] > 0 && widths[1] > LEAST_WIDTH * widths[0];
 }
 
 } // namespace
 
-/* The rotation is that of the sum of b a', whose least singular value takes the sign of its determinant (Umeyama, equations 40 to 43). */
 bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
                std::string *why)
 {
@@ -61,36 +45,25 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
         *why = std::to_string(from.size()) + " points of the tissue and " + std::to_string(to.size()) + " of the room: three pairs or more are needed";
         return false;
     }
-    const Eigen::Vector3d here = mean_of(from), there = mean_of(to);
-    if (!here.allFinite() || !there.allFinite()) {
+    const Eigen::Matrix3Xd a = matrix_of(from), b = matrix_of(to);
+    if (!a.allFinite() || !b.allFinite()) {
         *why = "points must be finite";
         return false;
     }
-    if (!spans_a_plane(from, here) || !spans_a_plane(to, there)) {
+    if (!spans_a_plane(a) || !spans_a_plane(b)) {
         *why = "the points lie on a line: the tissue could be turned about it; take one that is off it";
         return false;
     }
-    const RowMajor turned = moments(to, there, from, here);
-    RowMajor turn;
-    pliant_signed_svd(turned.data(), turn.data());
-    const Eigen::Vector3d moved = there - turn * here;
-    Eigen::Map<Eigen::Quaterniond>(out->rotation) = Eigen::Quaterniond(Eigen::Matrix3d(turn)).normalized();
-    Eigen::Map<Eigen::Vector3d>(out->translation) = moved;
+    const Eigen::Matrix4d fitted = Eigen::umeyama(a, b, false);
+    const Eigen::Matrix3d turn = fitted.topLeftCorner<3, 3>();
+    Eigen::Map<Eigen::Quaterniond>(out->rotation) = Eigen::Quaterniond(turn).normalized();
+    Eigen::Map<Eigen::Vector3d>(out->translation) = fitted.topRightCorner<3, 1>();
     errors->clear();
-    for (size_t p = 0; p < from.size(); ++p) errors->push_back((turn * vector_of(from[p]) + moved - vector_of(to[p])).norm());
+    for (Eigen::Index p = 0; p < a.cols(); ++p) errors->push_back((turn * a.col(p) + fitted.topRightCorner<3, 1>() - b.col(p)).norm());
     return true;
 }
 
-geometry_msgs::Pose pose_message(const Rigid &pose)
-{
-    const geometry_msgs::Transform same = transform_message(pose);
-    geometry_msgs::Pose out;
-    out.position.x = same.translation.x;
-    out.position.y = same.translation.y;
-    out.position.z = same.translation.z;
-    out.orientation = same.rotation;
-    return out;
-}
+geometry_msgs::Pose pose_message(const Rigid &pose) { return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose)))); }
 
 std::string registration_text(const std::string &parent_frame, const Rigid &pose)
 {
