@@ -41,9 +41,14 @@ void pliant_cuda_unlock_pages(void *h_block);
 void pliant_cuda_release(void *d_block);      /* Nullable */
 void pliant_cuda_release_host(void *h_block); /* Nullable */
 /* A thread that works on the device while steps go on, from and to here: what others give back in between is kept until it ends, since
- * the device gives back nothing before it has done all that it was given. */
+ * the device gives back nothing before it has done all that it was given. What it takes and gives back itself is of a pool, in the order of its
+ * stream, from then on; pool: NULL: as others do. */
 void pliant_cuda_background_begin(void);
+void pliant_cuda_background_pool(cudaMemPool_t pool, cudaStream_t stream);
 void pliant_cuda_background_end(void);
+/* A pool on a device that keeps what is given back to it until it is destroyed; NULL: there is none. */
+cudaMemPool_t pliant_cuda_pool_create(int device);
+void pliant_cuda_pool_destroy(cudaMemPool_t pool); /* Nullable */
 /* Allocate, and copy from the host before it returns. */
 pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out);
 

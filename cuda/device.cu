@@ -31,10 +31,90 @@ extern "C" pliant_status pliant_cuda_status(cudaError_t error, const char *what)
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: %s (%s)", cudaGetErrorString(error), what);
 }
 
+struct retired { void *block; bool of_host; };
+
+static std::mutex retired_lock;
+static retired *retired_blocks;
+static size_t num_retired, retired_room;
+static int num_background; /* under the lock */
+static thread_local bool in_background;
+
+/* ---- taking: CUDA makes others wait for it, too, but for what is of a pool */
+
+static thread_local cudaMemPool_t background_pool;
+static thread_local cudaStream_t background_stream;
+static void **pooled; /* (num_pooled) blocks of pools, under the lock */
+static size_t num_pooled, pooled_room;
+
+static bool note_pooled(void *block)
+{
+    std::lock_guard<std::mutex> lock(retired_lock);
+    if (num_pooled == pooled_room) {
+        void *longer = pliant_resize(pooled, 2 * pooled_room + 64, sizeof *pooled);
+        if (!longer) return false;
+        pooled = static_cast<void **>(longer);
+        pooled_room = 2 * pooled_room + 64;
+    }
+    pooled[num_pooled++] = block;
+    return true;
+}
+
+/* whether it was one of them, which it is no longer */
+static bool forget_pooled(const void *block)
+{
+    std::lock_guard<std::mutex> lock(retired_lock);
+    size_t n = 0;
+    while (n < num_pooled && pooled[n] != block) n++;
+    if (n == num_pooled) return false;
+    pooled[n] = pooled[--num_pooled];
+    if (num_pooled > 0) return true;
+    pliant_free(pooled);
+    pooled = nullptr;
+    pooled_room = 0;
+    return true;
+}
+
+static cudaError_t take(size_t bytes, void **out)
+{
+    if (!background_pool) return cudaMalloc(out, bytes);
+    const cudaError_t error = cudaMallocFromPoolAsync(out, bytes, background_pool, background_stream);
+    if (error != cudaSuccess || note_pooled(*out)) return error;
+    cudaFreeAsync(*out, background_stream);
+    return cudaErrorMemoryAllocation;
+}
+
+extern "C" void pliant_cuda_background_pool(cudaMemPool_t pool, cudaStream_t stream)
+{
+    background_pool = pool;
+    background_stream = stream;
+}
+
+extern "C" cudaMemPool_t pliant_cuda_pool_create(int device)
+{
+    cudaMemPool_t pool = nullptr;
+    cudaMemPoolProps wanted = {};
+    int there = 0;
+    uint64_t keeps = UINT64_MAX;
+    wanted.allocType = cudaMemAllocationTypePinned;
+    wanted.location.type = cudaMemLocationTypeDevice;
+    wanted.location.id = device;
+    if (cudaDeviceGetAttribute(&there, cudaDevAttrMemoryPoolsSupported, device) != cudaSuccess || !there || cudaMemPoolCreate(&pool, &wanted) != cudaSuccess) {
+        cudaGetLastError();
+        return nullptr;
+    }
+    if (cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keeps) != cudaSuccess) cudaGetLastError();
+    return pool;
+}
+
+extern "C" void pliant_cuda_pool_destroy(cudaMemPool_t pool)
+{
+    if (pool && cudaMemPoolDestroy(pool) != cudaSuccess) cudaGetLastError();
+}
+
 extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out)
 {
     void *block = nullptr;
-    cudaError_t error = pliant_cuda_fails_now() ? cudaErrorMemoryAllocation : cudaMalloc(&block, bytes > 0 ? bytes : 1);
+    cudaError_t error = pliant_cuda_fails_now() ? cudaErrorMemoryAllocation : take(bytes > 0 ? bytes : 1, &block);
     if (error == cudaErrorMemoryAllocation) {
         size_t free_bytes = 0, total = 0;
         cudaGetLastError();
@@ -89,18 +169,12 @@ extern "C" void pliant_cuda_unlock_pages(void *h_block)
 
 /* ---- giving back: CUDA waits for all that the device is doing, and nobody shall wait for what is done in the background */
 
-struct retired { void *block; bool of_host; };
-
-static std::mutex retired_lock;
-static retired *retired_blocks;
-static size_t num_retired, retired_room;
-static int num_background; /* under the lock */
-static thread_local bool in_background;
-
 /* a device that is lost cannot give back either: nothing to do about it, and no reason to say more */
 static void give_back(const retired &of)
 {
-    if ((of.of_host ? cudaFreeHost(of.block) : cudaFree(of.block)) != cudaSuccess) cudaGetLastError();
+    const bool of_pool = !of.of_host && forget_pooled(of.block);
+    const bool in_order = of_pool && background_pool;
+    if ((of.of_host ? cudaFreeHost(of.block) : in_order ? cudaFreeAsync(of.block, background_stream) : cudaFree(of.block)) != cudaSuccess) cudaGetLastError();
 }
 
 static bool retire(const retired &of)
@@ -135,6 +209,7 @@ extern "C" void pliant_cuda_background_end(void)
 {
     retired *blocks = nullptr;
     size_t count = 0;
+    pliant_cuda_background_pool(nullptr, nullptr);
     {
         std::lock_guard<std::mutex> lock(retired_lock);
         in_background = false;

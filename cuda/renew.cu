@@ -1,6 +1,7 @@
 /* A preconditioner made in the background, as src/fem/quasistatic/refresh.c makes factors: begun in one step, put to use a fixed number of
  * steps later or as background.h says. What is being made for a body when the next one comes becomes the base of what is carried over. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "base/threads.h"
 #include "check.h"
 #include "fem/quasistatic/background.h"
@@ -22,6 +23,7 @@ struct gpu_renewal {
     int device;
     pliant_preconditioner_choice choice;
     cudaStream_t stream;              /* lets that of the steps go first */
+    cudaMemPool_t pool;               /* Nullable: of all that is made here */
     const pliant_discretization *of;  /* Nullable: retained: what it is made for */
     int32_t *source;                  /* (nodes of the solved mesh) node of that one's mesh, -1: none; NULL: they are the same */
     gpu_preconditioner made;          /* nothing but a base */
@@ -37,7 +39,9 @@ static pliant_status make(gpu_renewal *renewal)
         int least = 0, greatest = 0;
         CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
         CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&renewal->stream, cudaStreamNonBlocking, least)));
+        renewal->pool = pliant_cuda_pool_create(renewal->device);
     }
+    pliant_cuda_background_pool(renewal->pool, renewal->stream);
     pliant_cuda_preconditioner_free(&renewal->discarded);
     pliant_cuda_preconditioner_free(&renewal->made); /* of one that failed */
     CUDA_TRY(pliant_system_find_pattern(renewal->of->system));
@@ -51,6 +55,7 @@ static void *in_background(void *argument)
 {
     gpu_renewal *renewal = static_cast<gpu_renewal *>(argument);
     pliant_threads_step_back();
+    pliant_memory_apart();
     pliant_fail_quietly(true);
     pliant_cuda_background_begin();
     renewal->status = make(renewal);
@@ -175,6 +180,7 @@ extern "C" void pliant_cuda_renewal_free(pliant_cuda_solver *gpu)
     pliant_cuda_preconditioner_free(&renewal->made);
     pliant_cuda_preconditioner_free(&renewal->discarded);
     if (renewal->stream) cudaStreamDestroy(renewal->stream);
+    pliant_cuda_pool_destroy(renewal->pool);
     forget_body(renewal);
     pliant_free(renewal);
     gpu->renewal = nullptr;

@@ -38,6 +38,8 @@ static struct {
 } kept = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static atomic_size_t in_use, peak;
+static _Thread_local int64_t taken; /* [bytes] */
+static _Thread_local bool apart;
 static atomic_uint_least64_t last_stamp;
 static atomic_llong calls_left = -1;
 
@@ -52,7 +54,14 @@ static int fails_now(void)
 static void count(size_t bytes)
 {
     size_t now = atomic_fetch_add(&in_use, bytes) + bytes, old = atomic_load(&peak);
+    taken += (int64_t)bytes;
     while (now > old && !atomic_compare_exchange_weak(&peak, &old, now)) {}
+}
+
+static void uncount(size_t bytes)
+{
+    atomic_fetch_sub(&in_use, bytes);
+    taken -= (int64_t)bytes;
 }
 
 static header *header_of(const void *block) { return (header *)((char *)(uintptr_t)block - ALIGNMENT); }
@@ -93,7 +102,7 @@ static header *remove_kept(int place)
 static header *take_kept(size_t room)
 {
     header *found = NULL;
-    if (room < large) return NULL;
+    if (room < large || apart) return NULL;
     pthread_mutex_lock(&kept.lock);
     for (int b = kept.count - 1; b >= 0 && !found; b--)
         if (kept.block[b]->room == room && !kept.block[b]->stamp) found = remove_kept(b);
@@ -134,7 +143,7 @@ static void release_above(int64_t bytes, int blocks)
 
 static bool keep(header *block)
 {
-    if (block->room < (block->stamp ? large_series : large)) return false;
+    if (block->room < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
     pthread_mutex_lock(&kept.lock);
     const bool keeps = (int64_t)block->room <= kept.limit / 2;
     if (keeps) {
@@ -153,6 +162,9 @@ void pliant_memory_keep(int64_t bytes)
     release_above(kept.limit, MOST_KEPT);
     pthread_mutex_unlock(&kept.lock);
 }
+
+void pliant_memory_apart(void) { apart = true; }
+int64_t pliant_memory_taken(void) { return taken; }
 
 size_t pliant_memory_kept(void)
 {
@@ -302,7 +314,7 @@ static bool stretch(header *block, size_t bytes)
         if (block->stamp) stamp_anew(block, block->bytes, bytes);
         count(bytes - block->bytes);
     } else {
-        atomic_fetch_sub(&in_use, block->bytes - bytes);
+        uncount(block->bytes - bytes);
         if (block->stamp) stamp_anew(block, bytes, bytes);
     }
     block->bytes = bytes;
@@ -339,7 +351,7 @@ void pliant_free(void *block)
 {
     if (!block) return;
     header *own = header_of(block);
-    atomic_fetch_sub(&in_use, own->bytes);
+    uncount(own->bytes);
     if (!keep(own)) give_back(own);
 }
 

@@ -37,6 +37,10 @@ bool pliant_has_pages(const void *block);
 /* So many bytes more, or less, of large blocks that are freed are kept for those who ask next: pages that the system has to find and to clear
  * cost more than what is written to them. None at first. */
 void pliant_memory_keep(int64_t bytes);
+/* From now on the calling thread, which works beside steps, leaves them to those: what it frees is not kept, but for arrays that follow one another. */
+void pliant_memory_apart(void);
+/* Bytes that the calling thread has taken, less those that it has given back, whoever took them. */
+int64_t pliant_memory_taken(void);
 /* Bytes that are kept now; they do not count as in use. */
 size_t pliant_memory_kept(void);
 

@@ -29,6 +29,14 @@ static inline void pliant_place_of(const pliant_voxels *voxels, int32_t voxel, i
     at[2] = voxel / size[0] / size[1];
 }
 
+/* The same of one after the other in ascending order, most of them beside the one before. last: that one, -2 at first, and at its place */
+static inline void pliant_place_after(const pliant_voxels *voxels, int32_t voxel, int32_t *last, int32_t at[3])
+{
+    if (voxel == *last + 1 && at[0] + 1 < voxels->geometry.size[0]) at[0]++;
+    else pliant_place_of(voxels, voxel, at);
+    *last = voxel;
+}
+
 static inline int32_t pliant_stride_of(const pliant_voxels *voxels, int axis)
 {
     const int32_t *size = voxels->geometry.size;

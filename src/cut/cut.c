@@ -86,7 +86,7 @@ static pliant_status write_down(cut_work *work)
 static void forget(cut_work *work)
 {
     void *blocks[] = {work->state, work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
-                      work->table, work->changed, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->links.severed, work->joint};
+                      work->table, work->changed, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->doubtful, work->links.severed, work->joint};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_cuts_free(work->next);
     *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,

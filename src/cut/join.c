@@ -81,24 +81,64 @@ int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel)
     return work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + place];
 }
 
-static pliant_status add_edges_of(cut_work *work, int32_t i)
+/* One of the eighteen neighbours: how far away it is in the box and among all voxels, and so is each that a diagonal may go by. */
+typedef struct neighbour {
+    int8_t step[3];
+    bool is_diagonal;
+    ptrdiff_t place, place_by[2];
+    int32_t voxel, voxel_by[2];
+} neighbour;
+
+static void find_neighbours(const cut_work *work, neighbour out[18])
+{
+    const int32_t *box = work->links.size, *all = work->voxels->geometry.size;
+    const ptrdiff_t stride[3] = {1, box[0], (ptrdiff_t)box[0] * box[1]};
+    const int32_t voxels[3] = {1, all[0], all[0] * all[1]};
+    for (int n = 0; n < 18; n++) {
+        neighbour *one = out + n;
+        int ways = 0;
+        *one = (neighbour){.voxel = 0};
+        for (int d = 0; d < 3; d++) {
+            const int step = n < 9 ? pliant_behind[n][d] : -pliant_behind[n - 9][d];
+            one->step[d] = (int8_t)step;
+            one->place += step * stride[d];
+            one->voxel += step * voxels[d];
+            if (step == 0) continue;
+            one->place_by[ways] = step * stride[d];
+            one->voxel_by[ways++] = step * voxels[d];
+        }
+        one->is_diagonal = ways == 2;
+    }
+}
+
+/* pliant_joined of a neighbour that there is; doubtful: links may be severed there */
+static bool is_joined(const cut_work *work, const neighbour *to, const int32_t *place, int32_t voxel, const int32_t at[3], bool doubtful)
+{
+    if (doubtful) return pliant_joined(&work->links, voxel, at, to->step);
+    if (!to->is_diagonal) return true;
+    for (int way = 0; way < 2; way++)
+        if (place[to->place_by[way]] || work->voxels->owner[voxel + to->voxel_by[way]] >= 0) return true;
+    return false;
+}
+
+static pliant_status add_edges_of(cut_work *work, const neighbour around[18], int32_t i, const int32_t at[3])
 {
     const pliant_voxels *voxels = work->voxels;
     const pliant_links *links = &work->links;
-    const int32_t voxel = work->voxel[i], row = links->size[0], slice = row * links->size[1], tets = work->body->fine.num_tets;
-    int32_t at[3];
+    const int32_t voxel = work->voxel[i], part = work->part[i], tets = work->body->fine.num_tets, *size = voxels->geometry.size;
+    const size_t here = (size_t)(at[0] - links->low[0]) + (size_t)links->size[0] * ((size_t)(at[1] - links->low[1]) + (size_t)links->size[1] * (size_t)(at[2] - links->low[2]));
+    const int32_t *place = work->place + here;
+    const bool doubtful = work->doubtful[here];
+    bool inside = true;
     pliant_status status = PLIANT_OK;
-    pliant_place_of(voxels, voxel, at);
-    const int32_t *place = work->place + (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) +
-                           (size_t)slice * (size_t)(at[2] - links->low[2]);
+    for (int d = 0; d < 3; d++) inside = inside && at[d] > 0 && at[d] + 1 < size[d];
     for (int n = 0; n < 18 && status == PLIANT_OK; n++) {
-        const int8_t *behind = pliant_behind[n % 9], sign = n < 9 ? 1 : -1;
-        const int8_t step[3] = {(int8_t)(sign * behind[0]), (int8_t)(sign * behind[1]), (int8_t)(sign * behind[2])};
-        const int32_t touched = place[step[0] + row * step[1] + (ptrdiff_t)slice * step[2]];
-        if (touched && (n >= 9 || work->part[touched - 1] == work->part[i])) continue;
-        const int32_t other = pliant_step_to(voxels, voxel, at, step);
-        if (other < 0 || voxels->owner[other] < 0 || !pliant_joined(links, voxel, at, step)) continue;
-        status = add_edge(work, tets + work->part[i], touched ? tets + work->part[touched - 1] : pliant_cut_end_of(work, other), 1);
+        const neighbour *to = around + n;
+        const int32_t touched = place[to->place];
+        if (touched && (n >= 9 || work->part[touched - 1] == part)) continue;
+        const int32_t other = inside ? voxel + to->voxel : pliant_step_to(voxels, voxel, at, to->step);
+        if (other < 0 || (!touched && voxels->owner[other] < 0) || !is_joined(work, to, place, voxel, at, doubtful)) continue;
+        status = add_edge(work, tets + part, touched ? tets + work->part[touched - 1] : pliant_cut_end_of(work, other), 1);
     }
     return status;
 }
@@ -106,8 +146,14 @@ static pliant_status add_edges_of(cut_work *work, int32_t i)
 pliant_status pliant_cut_find_edges(cut_work *work)
 {
     const pliant_voxels *voxels = work->voxels;
+    neighbour around[18];
+    int32_t at[3] = {0}, last = -2;
     pliant_status status = grow(work);
-    for (int32_t i = 0; i < work->start[work->num_touched] && status == PLIANT_OK; i++) status = add_edges_of(work, i);
+    find_neighbours(work, around);
+    for (int32_t i = 0; i < work->start[work->num_touched] && status == PLIANT_OK; i++) {
+        pliant_place_after(voxels, work->voxel[i], &last, at);
+        status = add_edges_of(work, around, i, at);
+    }
     for (int32_t t = 0; t < work->num_touched; t++) {
         const int32_t tet = work->touched[t];
         for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1] && status == PLIANT_OK; e++) {

@@ -1,6 +1,8 @@
 /* Which fragment is under a point of the deformed body. */
 #include "body/links.h"
+#include "cut/work.h"
 #include "pliant/cut.h"
+#include "pliant/memory.h"
 
 #include <math.h>
 #include <string.h>
@@ -94,6 +96,25 @@ static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t
     return true;
 }
 
+/* (fine tetrahedra) those that may meet a box are 1; NULL: all may, or there is no memory */
+static uint8_t *find_near(const pliant_body *body, const double *positions, const double low[3], const double high[3])
+{
+    cut_strip box = {.count = 0};
+    uint8_t *near = NULL;
+    if (!body->voxels || !body->fine.tet_of_lattice || !body->fine.lattice_of_node) return NULL;
+    memcpy(box.low, low, sizeof box.low);
+    memcpy(box.high, high, sizeof box.high);
+    if (pliant_cut_near(body, positions, &box, tolerance, 0, &near) == PLIANT_OK) return near;
+    pliant_free(near);
+    return NULL;
+}
+
+static int32_t next_near(const uint8_t *near, int32_t from, int32_t count)
+{
+    const uint8_t *found = near && from < count ? memchr(near + from, 1, (size_t)(count - from)) : NULL;
+    return !near ? from : found ? (int32_t)(found - near) : count;
+}
+
 /* tetrahedra in ascending order against all points that are still open, in their common box */
 void pliant_body_locate_points(const pliant_body *body, const double *positions, int32_t count, const double *points, int32_t *tet,
                                double *barycentric)
@@ -107,7 +128,8 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
             if (points[3 * p + d] > high[d]) high[d] = points[3 * p + d];
         }
     }
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
+    uint8_t *near = find_near(body, positions, low, high);
+    for (int32_t t = next_near(near, 0, mesh->num_tets); t < mesh->num_tets; t = next_near(near, t + 1, mesh->num_tets)) {
         if (!is_between(mesh, positions, t, low, high, from, to)) continue;
         for (int32_t p = 0; p < count; p++) {
             const double *point = points + 3 * p;
@@ -119,6 +141,7 @@ void pliant_body_locate_points(const pliant_body *body, const double *positions,
             memcpy(barycentric + 4 * p, weights, sizeof weights);
         }
     }
+    pliant_free(near);
 }
 
 bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet, double barycentric[4])

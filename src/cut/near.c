@@ -16,6 +16,7 @@ typedef struct node_box {
 
 typedef struct node_groups {
     const pliant_mesh *mesh;
+    const int32_t *load;       /* (num_nodes) the node at load of each; NULL: itself */
     int32_t count[3];
     node_box *box;
 } node_groups;
@@ -40,7 +41,7 @@ static void find_boxes(node_groups *groups, const double *positions)
     int32_t begin = 0, first = 0; /* of the row that the last node was in: its number on the lattice, and of its groups */
     for (int32_t g = 0; g < groups->count[0] * groups->count[1] * groups->count[2]; g++) groups->box[g] = nothing;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        const int32_t node = mesh->lattice_of_node[n];
+        const int32_t node = mesh->lattice_of_node[groups->load ? groups->load[n] : n];
         if (node < begin || node >= begin + row) {
             const int32_t at[3] = {0, node / row % rows / GROUP, node / row / rows / GROUP};
             begin = node / row * row;
@@ -86,7 +87,7 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
 {
     const pliant_mesh *mesh = &body->fine;
     const int32_t load = body->voxels->num_tets;
-    node_groups groups = {.mesh = mesh};
+    node_groups groups = {.mesh = mesh, .load = body->node_parent};
     uint8_t *near = *out = pliant_calloc((size_t)mesh->num_tets, 1);
     if (!near) return pliant_fail_memory("what a blade touches");
     if (!mesh->tet_of_lattice || !mesh->lattice_of_node) { /* leaves of an octree */

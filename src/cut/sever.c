@@ -29,6 +29,7 @@ typedef struct severing {
     int32_t *near;           /* triangles near a fragment */
     int32_t num_near;
     double slab[5];          /* of a fragment: only voxels with slab[3] <= slab[0..2] . index <= slab[4] are near them */
+    double between[2];       /* and they lie between these, as far as its own map goes */
     int32_t *map_of;         /* (fine tetrahedra) 1 + index into maps */
     int32_t num_maps, map_room;
     voxel_map *maps;
@@ -152,7 +153,8 @@ static int32_t carrier_of(const cut_work *work, int32_t voxel)
     return state == 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + pliant_voxel_in(work->voxels, tet, voxel)];
 }
 
-static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const int32_t at[3], int axis, int way)
+/* side: slab[0..2] . at */
+static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const int32_t at[3], double side, int axis, int way)
 {
     cut_work *work = cut->work;
     const pliant_voxels *voxels = work->voxels;
@@ -160,7 +162,11 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     const int32_t other = voxel + way * pliant_stride_of(voxels, axis);
     if (voxels->owner[other] < 0) return PLIANT_OK;
     const int32_t with = carrier_of(work, other);
-    if (way < 0 && with == tet) return PLIANT_OK; /* from the other end */
+    if (with == tet) {
+        const double beyond = side + cut->slab[axis];
+        if (way < 0) return PLIANT_OK; /* from the other end */
+        if ((side < cut->between[0] && beyond < cut->between[0]) || (side > cut->between[1] && beyond > cut->between[1])) return PLIANT_OK;
+    }
     int32_t there[3] = {at[0], at[1], at[2]};
     double a[3], b[3];
     there[axis] += way;
@@ -249,7 +255,7 @@ static void map_back(const voxel_map *map, double handed, const double low[3], c
 /* The triangles near a fragment lie between two planes, which are mapped back to indices of its voxels; three links more on either side. */
 static void find_slab(severing *cut, const voxel_map *map)
 {
-    double normal[3] = {0}, low = INFINITY, high = -INFINITY, steps = 0, offset = 0;
+    double normal[3] = {0}, low = INFINITY, high = -INFINITY, steps = 0, offset = 0, length = 0;
     for (int32_t n = 0; n < cut->num_near; n++)
         for (int d = 0; d < 3; d++) normal[d] += cut->strip.triangles[cut->near[n]].normal[d];
     for (int32_t n = 0; n < cut->num_near; n++)
@@ -263,7 +269,11 @@ static void find_slab(severing *cut, const voxel_map *map)
         cut->slab[c] = normal[0] * map->axes[c] + normal[1] * map->axes[3 + c] + normal[2] * map->axes[6 + c];
         steps += fabs(cut->slab[c]);
         offset += normal[c] * map->origin[c];
+        length += fabs(normal[c]);
     }
+    const double more = 1e-3 * steps + 4 * length * cut->slack; /* the predicate's tolerance, and what these sums round */
+    cut->between[0] = low - offset - more;
+    cut->between[1] = high - offset + more;
     cut->slab[3] = low - offset - 3 * steps;
     cut->slab[4] = high - offset + 3 * steps;
 }
@@ -276,16 +286,16 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
     const int32_t first = voxels->start[owner], state = work->state[owner];
     const int32_t *carrier = state < 0 ? work->cuts->voxel_fragment + work->cuts->voxel_start[-state - 1] : NULL;
     pliant_status status = PLIANT_OK;
+    int32_t last = -2, at[3] = {0};
     for (int32_t v = first; v < voxels->start[owner + 1] && status == PLIANT_OK; v++) {
-        int32_t at[3];
         if (carrier && carrier[v - first] != tet) continue;
-        pliant_place_of(voxels, voxels->voxel[v], at);
+        pliant_place_after(voxels, voxels->voxel[v], &last, at);
         if (at[0] < from[0] || at[0] > to[0] || at[1] < from[1] || at[1] > to[1] || at[2] < from[2] || at[2] > to[2]) continue;
         const double side = cut->slab[0] * at[0] + cut->slab[1] * at[1] + cut->slab[2] * at[2];
         if (side < cut->slab[3] || side > cut->slab[4]) continue;
         for (int axis = 0; axis < 3 && status == PLIANT_OK; axis++) {
-            status = try_link(cut, tet, voxels->voxel[v], at, axis, 1);
-            if (status == PLIANT_OK) status = try_link(cut, tet, voxels->voxel[v], at, axis, -1);
+            status = try_link(cut, tet, voxels->voxel[v], at, side, axis, 1);
+            if (status == PLIANT_OK) status = try_link(cut, tet, voxels->voxel[v], at, side, axis, -1);
         }
     }
     for (int32_t b = voxels->bridge_start[owner]; b < voxels->bridge_start[owner + 1] && status == PLIANT_OK; b++) status = try_bridge(cut, b);

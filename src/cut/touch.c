@@ -76,12 +76,21 @@ static pliant_status list_touched(cut_work *work)
 
 /* ---- tables around their voxels */
 
+/* around a voxel whose link is severed, as far as the box goes */
+static void doubt(cut_work *work, int32_t i, int32_t j, int32_t k)
+{
+    const int32_t *size = work->links.size;
+    for (int32_t c = k > 0 ? k - 1 : 0; c <= k + 1 && c < size[2]; c++)
+        for (int32_t b = j > 0 ? j - 1 : 0; b <= j + 1 && b < size[1]; b++)
+            for (int32_t a = i > 0 ? i - 1 : 0; a <= i + 1 && a < size[0]; a++) work->doubtful[(size_t)a + (size_t)size[0] * ((size_t)b + (size_t)size[1] * (size_t)c)] = 1;
+}
+
 static pliant_status make_tables(cut_work *work)
 {
     const pliant_voxels *voxels = work->voxels;
     const int32_t count = work->start[work->num_touched];
     pliant_links *links = &work->links;
-    int32_t high[3] = {0}, at[3];
+    int32_t high[3] = {0}, at[3] = {0}, before = -2;
     work->voxel = pliant_calloc((size_t)count, sizeof *work->voxel);
     work->part = pliant_calloc((size_t)count, sizeof *work->part);
     if (!work->voxel || !work->part) return no_memory();
@@ -89,7 +98,7 @@ static pliant_status make_tables(cut_work *work)
         memcpy(work->voxel + work->start[t], voxels->voxel + voxels->start[work->touched[t]],
                (size_t)(work->start[t + 1] - work->start[t]) * sizeof *work->voxel);
     for (int32_t i = 0; i < count; i++) {
-        pliant_place_of(voxels, work->voxel[i], at);
+        pliant_place_after(voxels, work->voxel[i], &before, at);
         for (int d = 0; d < 3; d++) {
             if (i == 0 || at[d] < links->low[d]) links->low[d] = at[d];
             if (i == 0 || at[d] > high[d]) high[d] = at[d];
@@ -104,9 +113,11 @@ static pliant_status make_tables(cut_work *work)
     links->cuts = work->next;
     links->severed = pliant_calloc(all, 1);
     work->place = pliant_calloc(all, sizeof *work->place);
-    if (!links->severed || !work->place) return no_memory();
+    work->doubtful = pliant_calloc(all, 1);
+    if (!links->severed || !work->place || !work->doubtful) return no_memory();
+    before = -2;
     for (int32_t i = 0; i < count; i++) {
-        pliant_place_of(voxels, work->voxel[i], at);
+        pliant_place_after(voxels, work->voxel[i], &before, at);
         work->place[(size_t)(at[0] - links->low[0]) + row * (size_t)(at[1] - links->low[1]) + slice * (size_t)(at[2] - links->low[2])] = i + 1;
     }
     const int32_t *size = voxels->geometry.size;
@@ -121,6 +132,7 @@ static pliant_status make_tables(cut_work *work)
             const int32_t i = at[0] - links->low[0], j = at[1] - links->low[1];
             if (at[2] - links->low[2] != k || i < 0 || j < 0 || i >= links->size[0] || j >= links->size[1]) continue;
             links->severed[(size_t)i + row * (size_t)j + slice * (size_t)k] |= (uint8_t)(1 << work->next->link[l] % 4);
+            doubt(work, i, j, k);
         }
     }
     return PLIANT_OK;
@@ -142,9 +154,9 @@ static void find_parts(cut_work *work)
     const int32_t row = links->size[0], slice = row * links->size[1];
     for (int32_t t = 0; t < work->num_touched; t++) {
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = i;
+        int32_t at[3] = {0}, before = -2;
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) {
-            int32_t at[3];
-            pliant_place_of(voxels, work->voxel[i], at);
+            pliant_place_after(voxels, work->voxel[i], &before, at);
             const size_t place = (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) + (size_t)slice * (size_t)(at[2] - links->low[2]);
             for (int n = 0; n < 9; n++) {
                 const int8_t *step = pliant_behind[n];

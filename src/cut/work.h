@@ -62,6 +62,7 @@ typedef struct cut_work {
     int32_t *voxel, *part;           /* of touched tetrahedra; part: fragment */
     pliant_links links;              /* with a table of what is severed around them */
     int32_t *place;                  /* (its box) 1 + index into voxel; 0: no touched tetrahedron owns it */
+    uint8_t *doubtful;               /* (its box) whether a link is severed of it or of one of the 26 around it */
     int32_t num_fragments;
     cut_fragment *fragment;
     /* ---- join.c */

@@ -172,8 +172,9 @@ static pliant_status prepare(adaptation *work)
 }
 
 /* The next body is likely to want as much, and as much again until what is old now has gone. */
-static void keep_memory(pliant_data *data, size_t bytes)
+static void keep_memory(pliant_data *data, int64_t taken)
 {
+    const size_t bytes = taken > 0 ? (size_t)taken : 0;
     if (2 * bytes <= data->keeps) return;
     pliant_memory_keep((int64_t)(2 * bytes - data->keeps));
     data->keeps = 2 * bytes;
@@ -186,6 +187,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         return PLIANT_OK;
     }
     const size_t before = pliant_memory_in_use();
+    const int64_t taken = pliant_memory_taken(); /* others take and give back meanwhile */
     pliant_data *made = pliant_calloc(1, sizeof *made);
     if (!made) return pliant_fail_memory("the simulation state");
     pliant_warp_next *warp = NULL;
@@ -194,7 +196,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     made->body = pliant_body_retain(body);
     pliant_status status = prepare(&work);
     if (status == PLIANT_OK) {
-        keep_memory(data, pliant_memory_in_use() - before);
+        keep_memory(data, pliant_memory_taken() - taken);
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
         pliant_warp_next_free(warp); /* it is of the warp, which may go on without its device */

@@ -9,6 +9,7 @@
 #include "pliant/memory.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
+#include "warp/device.h"
 
 #include <math.h>
 #include <string.h>
@@ -51,6 +52,7 @@ pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data,
     if (target) {
         pliant_status status = pliant_warp_create(model->drawn, &data->discretization->body->fine, target, data->discretization->system->num_threads, &warp);
         if (status == PLIANT_OK && data->discretization->body->cuts) status = pliant_warp_set_body(warp, data->discretization->body);
+        if (status == PLIANT_OK && model->scene.cut.kind != PLIANT_CUT_NONE) status = pliant_warp_expect_cuts(warp, data->discretization->body);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
         /* a step's stages hand over on the GPU */
         if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);

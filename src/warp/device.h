@@ -59,6 +59,9 @@ typedef struct pliant_warp_device {
 extern const pliant_warp_device pliant_cuda_warp_device;
 #endif
 
+/* What bodies that are cut from this one on will ask for is made, so that no stroke waits for it. Errors: MEMORY. */
+pliant_status pliant_warp_expect_cuts(pliant_warp *warp, const pliant_body *body);
+
 /* pliant_warp_set_body in two parts: all that can fail, which changes nothing that is seen; and what cannot. */
 typedef struct pliant_warp_next pliant_warp_next;
 pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pliant_warp_next **out);

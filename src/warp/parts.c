@@ -8,6 +8,9 @@
 
 #include <omp.h>
 
+/* Tetrahedra that are looked at anew, for a thread to be worth waking. */
+enum { LEAST_BOXES = 4 };
+
 typedef struct parts_work {
     const pliant_body *body;
     const pliant_parts *before;    /* Nullable: nothing can be taken from there */
@@ -76,12 +79,26 @@ static bool list_other(parts_work *all)
     return good;
 }
 
+/* those that are in the cuts, or share a node at load with one that is */
+static bool list_near(parts_work *all)
+{
+    const pliant_voxels *voxels = all->body->voxels;
+    const pliant_cuts *cuts = all->body->cuts;
+    bool good = true;
+    for (int32_t i = 0; i < cuts->num_tets; i++)
+        for (int v = 0; v < 4; v++) {
+            const int32_t node = part_load_node(all->makers, all->body->fine.tets[4 * (size_t)cuts->tet[i] + v]);
+            for (int32_t a = voxels->around_start[node]; a < voxels->around_start[node + 1] && good; a++)
+                good = !has_voxels(all, voxels->around[a] / 4) || add_other(all, voxels->around[a] / 4);
+        }
+    if (good && all->num_other > 0) all->num_other = sort_once(all->other, all->num_other);
+    return good;
+}
+
 /* Which tetrahedra do not keep their box, or that they have none, and which of those are looked at anew. */
 static bool plan(parts_work *all)
 {
-    bool good = true;
-    if (all->before) good = list_other(all);
-    for (int32_t t = 0; !all->before && t < all->body->voxels->num_tets && good; t++) good = !has_voxels(all, t) || !is_near(all, t) || add_other(all, t);
+    const bool good = all->before ? list_other(all) : list_near(all);
     if (!good || !(all->anew = pliant_calloc((size_t)all->num_other + 1, sizeof *all->anew))) return false;
     for (int32_t i = 0; i < all->num_other; i++)
         if (is_near(all, all->other[i])) all->anew[all->num_anew++] = all->other[i];
@@ -91,7 +108,8 @@ static bool plan(parts_work *all)
 static pliant_status make_boxes(parts_work *all)
 {
     pliant_work work = {.what = "the parts of the deformed volume"};
-#pragma omp parallel num_threads(all->num_makers)
+    const int fair = 1 + all->num_anew / LEAST_BOXES;
+#pragma omp parallel num_threads(fair < all->num_makers ? fair : all->num_makers)
     {
         const int maker = omp_get_thread_num();
         pliant_status status = PLIANT_OK;
@@ -256,9 +274,12 @@ static pliant_status gather(const parts_work *all, pliant_parts *parts)
 
 static pliant_status create(parts_work *all, pliant_parts *parts)
 {
-    pliant_status status = pliant_part_hosts_find(all->makers, all->before, &parts->hosts);
+    pliant_status status = PLIANT_OK;
+    if (all->before) all->hosts = all->before->hosts;
+    if (all->hosts) all->hosts->holders++;
+    else status = pliant_part_hosts_create(all->body, all->makers->scan, &all->hosts);
     if (status != PLIANT_OK) return status;
-    all->hosts = parts->hosts;
+    parts->hosts = all->hosts;
     if (all->before) status = pliant_parts_compare(all->makers, all->body_before, all->hosts, &all->changes);
     if (status != PLIANT_OK) return status;
     const bool planned = plan(all);
@@ -273,20 +294,20 @@ static pliant_status create(parts_work *all, pliant_parts *parts)
 
 static void free_maker(part_maker *maker)
 {
-    void *blocks[] = {maker->label, maker->queue, maker->carried, maker->step, maker->severed, maker->touched, maker->wanted, maker->carriers.at,
+    void *blocks[] = {maker->label, maker->queue, maker->carried, maker->step, maker->severed, maker->touched, maker->wanted, maker->wall, maker->carriers.at,
                       maker->labels.at, maker->guests.at};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
 pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
-                                  int num_threads, pliant_parts **out)
+                                  part_hosts *hosts, int num_threads, pliant_parts **out)
 {
     *out = NULL;
     if (!body->cuts || !body->voxels) return PLIANT_OK;
     if (memcmp(body->voxels->geometry.size, scan->size, sizeof scan->size) != 0)
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the voxels of the body that is drawn are not those of the scan");
     const size_t tets = (size_t)body->voxels->num_tets;
-    parts_work all = {.body = body, .before = before && body_before && body_before->voxels == body->voxels ? before : NULL, .body_before = body_before, .num_makers = num_threads};
+    parts_work all = {.body = body, .before = before && body_before && body_before->voxels == body->voxels ? before : NULL, .hosts = hosts, .body_before = body_before, .num_makers = num_threads};
     all.cut_of = pliant_room(tets, sizeof *all.cut_of);
     all.makers = pliant_calloc((size_t)num_threads, sizeof *all.makers);
     pliant_parts *parts = pliant_calloc(1, sizeof *parts);

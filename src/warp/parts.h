@@ -50,10 +50,14 @@ typedef struct pliant_parts {
     part_guest *guests;        /* by box, then label */
 } pliant_parts;
 
-/* Of a body; NULL where nothing is severed. What is the same in a body before, Nullable with its parts, is taken from there.
- * Errors: MEMORY, ARGUMENT (voxels of another scan). */
+/* Of all bodies of these voxels; one holder. Errors: MEMORY. */
+pliant_status pliant_part_hosts_create(const pliant_body *body, const pliant_geometry *scan, part_hosts **out);
+void pliant_part_hosts_release(part_hosts *hosts); /* Nullable */
+
+/* Of a body; NULL where nothing is severed. What is the same in a body before, Nullable with its parts, is taken from there. hosts: Nullable: of the
+ * body's voxels. Errors: MEMORY, ARGUMENT (voxels of another scan). */
 pliant_status pliant_parts_create(const pliant_body *body, const pliant_geometry *scan, const pliant_body *body_before, const pliant_parts *before,
-                                  int num_threads, pliant_parts **out);
+                                  part_hosts *hosts, int num_threads, pliant_parts **out);
 /* Of a body whose tetrahedra cuts have subdivided: each draws all that it holds. NULL where none is, and for body NULL. Errors: MEMORY. */
 pliant_status pliant_parts_whole(const pliant_body *body, const pliant_geometry *scan, pliant_parts **out);
 void pliant_parts_free(pliant_parts *parts); /* Nullable */

@@ -102,31 +102,25 @@ static void begin_rows(const part_shape *at, int32_t low, int32_t count, cell_pl
         for (int32_t i = 0; i < count; i++) out->most[v][i] = at->value[v] + part_most(at->slope[v][0], low + i, 1);
 }
 
-/* Which cells of a row the tetrahedron touches: pliant_parts_touches of each, bit for bit; whether one of them. */
-static bool touch_row(const cell_planes *planes, const int32_t low[3], int32_t count, uint8_t *touched)
+/* Cells of a row that the tetrahedron touches: pliant_parts_touches of each, bit for bit. Along a row the most of a coordinate only falls or only grows,
+ * rounded as well, so that they follow one another: from *begin on, before what is returned. */
+static int32_t touch_row(const cell_planes *planes, const int32_t low[3], int32_t count, int32_t *begin)
 {
-    double along[4], down[4];
-    bool any = false;
-    for (int v = 0; v < 4; v++) {
-        along[v] = part_most(planes->at->slope[v][1], low[1], 1);
-        down[v] = part_most(planes->at->slope[v][2], low[2], 1);
+    int32_t first = 0, end = count;
+    for (int v = 0; v < 4 && first < end; v++) {
+        const double *most = planes->most[v], along = part_most(planes->at->slope[v][1], low[1], 1), down = part_most(planes->at->slope[v][2], low[2], 1);
+        while (first < end && most[first] + along + down < -PART_GROWTH) first++;
+        while (first < end && most[end - 1] + along + down < -PART_GROWTH) end--;
     }
-    for (int32_t i = 0; i < count; i++) {
-        bool inside = true;
-        for (int v = 0; v < 4; v++) inside &= !(planes->most[v][i] + along[v] + down[v] < -PART_GROWTH);
-        touched[i] = inside;
-        any |= inside;
-    }
-    return any;
+    *begin = first;
+    return end;
 }
 
-/* Corners of the cells that the tetrahedron touches; whether one of these has a severed link. */
-static bool find_touched(part_maker *work)
+/* Corners of the cells that the tetrahedron touches. */
+static void find_touched(part_maker *work)
 {
-    const int32_t *size = work->box.size, row = size[0], slice = size[0] * size[1];
+    const int32_t *size = work->box.size;
     const int32_t cells[3] = {size[0] > 1 ? size[0] - 1 : 1, size[1] > 1 ? size[1] - 1 : 1, size[2] > 1 ? size[2] - 1 : 1};
-    bool any = false;
-    uint8_t touched[MOST_ROW];
     cell_planes planes;
     memset(work->touched, 0, (size_t)work->count);
     for (int32_t from = 0; from < cells[0]; from += MOST_ROW) {
@@ -135,35 +129,75 @@ static bool find_touched(part_maker *work)
         for (int32_t k = 0; k < cells[2]; k++)
             for (int32_t j = 0; j < cells[1]; j++) {
                 const int32_t low[3] = {work->box.low[0] + from, work->box.low[1] + j, work->box.low[2] + k};
-                if (!touch_row(&planes, low, count, touched)) continue;
-                for (int c = 0; c < 8; c++) {
-                    const int32_t step[3] = {c & 1, c >> 1 & 1, c >> 2};
-                    uint8_t links = 0;
-                    if (step[0] >= size[0] || j + step[1] >= size[1] || k + step[2] >= size[2]) continue;
-                    for (int d = 0; d < 3; d++) links |= (uint8_t)(!step[d] << d);
-                    const int32_t corner = from + step[0] + row * (j + step[1]) + slice * (k + step[2]);
-                    for (int32_t i = 0; i < count; i++) {
-                        work->touched[corner + i] |= touched[i];
-                        any |= touched[i] && work->severed[corner + i] & links;
-                    }
+                int32_t begin;
+                const int32_t end = touch_row(&planes, low, count, &begin);
+                if (begin == end) continue;
+                for (int c = 0; c < 4; c++) {
+                    const int32_t row[3] = {from + begin, j + (c & 1), k + (c >> 1)};
+                    if (row[1] < size[1] && row[2] < size[2]) memset(work->touched + part_index_of(size, row), 1, (size_t)(end - begin + (size[0] > 1)));
                 }
             }
     }
-    return any;
+}
+
+/* Whether the tetrahedron touches a cell with a link from a voxel along an axis. */
+static bool touches_around(const part_maker *work, const int32_t at[3], int axis)
+{
+    const double one[3] = {1, 1, 1};
+    const int32_t *size = work->box.size;
+    for (int c = 0; c < 4; c++) {
+        double low[3];
+        bool there = true;
+        for (int d = 0; d < 3; d++) {
+            const int32_t cell = at[d] - (d == axis ? 0 : d == (axis + 1) % 3 ? c & 1 : c >> 1);
+            there = there && cell >= 0 && cell < (size[d] > 1 ? size[d] - 1 : 1);
+            low[d] = work->box.low[d] + cell;
+        }
+        if (there && pliant_parts_touches(&work->at, low, one)) return true;
+    }
+    return false;
+}
+
+/* Whether it touches a cell that has a severed link. */
+static bool touches_severed(const part_maker *work)
+{
+    for (int32_t n = 0; n < work->count; n++) {
+        int32_t at[3];
+        if (!work->severed[n]) continue;
+        part_place_of(work->box.size, n, at);
+        for (int axis = 0; axis < 3; axis++)
+            if (work->severed[n] >> axis & 1 && touches_around(work, at, axis)) return true;
+    }
+    return false;
 }
 
 static bool label_own(part_maker *work, int32_t *queued)
 {
     const pliant_voxels *voxels = work->voxels;
-    for (int32_t n = voxels->start[work->tet]; n < voxels->start[work->tet + 1]; n++) {
-        int32_t at[3], local;
-        pliant_place_of(voxels, voxels->voxel[n], at);
+    const int32_t first = voxels->start[work->tet], cut = work->cut_of[work->tet];
+    const int32_t *carrier = cut < 0 ? NULL : work->cuts->voxel_fragment + work->cuts->voxel_start[cut];
+    int32_t at[3] = {0}, last = -2;
+    for (int32_t n = first; n < voxels->start[work->tet + 1]; n++) {
+        int32_t local;
+        pliant_place_after(voxels, voxels->voxel[n], &last, at);
         if (!in_box(&work->box, at, &local)) continue;
-        if ((work->label[local] = label_of(work, carrier_of(work, voxels->voxel[n]))) < 0) return false;
+        if ((work->label[local] = label_of(work, carrier ? carrier[n - first] : work->tet)) < 0) return false;
         work->step[local] = 0;
         work->queue[(*queued)++] = local;
     }
     return true;
+}
+
+static void find_walls(part_maker *work)
+{
+    const int32_t *size = work->box.size;
+    for (int32_t k = 0; k < size[2]; k++)
+        for (int32_t j = 0; j < size[1]; j++) {
+            uint8_t *row = work->wall + size[0] * (j + size[1] * k);
+            memset(row, (j == 0) << 2 | (j + 1 == size[1]) << 3 | (k == 0) << 4 | (k + 1 == size[2]) << 5, (size_t)size[0]);
+            row[0] |= 1;
+            row[size[0] - 1] |= 2;
+        }
 }
 
 /* From the voxels in the queue on over links to those without a label; where as many links lead to several carriers, the lowest label. */
@@ -172,12 +206,10 @@ static void spread(part_maker *work, int32_t queued, int steps)
     const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
     for (int32_t head = 0; head < queued; head++) {
         const int32_t from = work->queue[head];
-        int32_t at[3];
         if (work->step[from] >= steps) continue;
-        part_place_of(size, from, at);
         for (int d = 0; d < 3; d++)
             for (int way = -1; way <= 1; way += 2) {
-                if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
+                if (work->wall[from] >> (2 * d + (way > 0)) & 1) continue;
                 const int32_t to = from + way * stride[d];
                 if (work->severed[way > 0 ? from : to] >> d & 1) continue;
                 if (work->label[to] < 0) {
@@ -220,12 +252,11 @@ static int32_t hang_together(part_maker *work, int32_t first)
     work->label[first] = IN_QUEUE;
     work->queue[queued++] = first;
     for (int32_t head = 0; head < queued; head++) {
-        int32_t at[3];
-        part_place_of(size, work->queue[head], at);
+        const int32_t from = work->queue[head];
         for (int d = 0; d < 3; d++)
             for (int way = -1; way <= 1; way += 2) {
-                if (at[d] + way < 0 || at[d] + way >= size[d]) continue;
-                const int32_t from = work->queue[head], to = from + way * stride[d];
+                const int32_t to = from + way * stride[d];
+                if (work->wall[from] >> (2 * d + (way > 0)) & 1) continue;
                 if (work->severed[way > 0 ? from : to] >> d & 1 || work->label[to] != NO_LABEL || !work->wanted[to]) continue;
                 work->label[to] = IN_QUEUE;
                 work->queue[queued++] = to;
@@ -260,22 +291,30 @@ static int32_t most_of(const part_maker *work, int32_t queued)
  * Air goes with what is beside it. */
 static bool label_others(part_maker *work)
 {
+    const int32_t *size = work->box.size;
     int32_t queued = 0;
-    for (int32_t n = 0; n < work->count; n++) {
-        work->wanted[n] = work->label[n] < 0 && work->touched[n] && work->voxels->owner[scan_voxel(work, n)] >= 0;
-        if (!work->wanted[n]) continue;
+    for (int32_t row = 0; row < size[1] * size[2]; row++) {
+        const int32_t *owner = work->voxels->owner + scan_voxel(work, size[0] * row);
+        const int32_t *label = work->label + size[0] * row;
+        const uint8_t *touched = work->touched + size[0] * row;
+        uint8_t *wanted = work->wanted + size[0] * row;
+        for (int32_t i = 0; i < size[0]; i++) wanted[i] = (label[i] < 0) & (owner[i] >= 0) & touched[i];
+    }
+    for (const uint8_t *end = work->wanted + work->count, *at = work->wanted; (at = memchr(at, 1, (size_t)(end - at))); at++) {
+        const int32_t n = (int32_t)(at - work->wanted);
         work->label[n] = label_by_node(work, n);
         work->by_node = true;
     }
-    for (int32_t n = 0; n < work->count; n++) {
-        if (work->label[n] >= 0 || !work->wanted[n]) continue;
+    for (const uint8_t *end = work->wanted + work->count, *at = work->wanted; (at = memchr(at, 1, (size_t)(end - at))); at++) {
+        const int32_t n = (int32_t)(at - work->wanted);
+        if (work->label[n] >= 0) continue;
         const int32_t together = hang_together(work, n), label = label_of(work, most_of(work, together));
         if (label < 0) return false;
         for (int32_t m = 0; m < together; m++) work->label[work->queue[m]] = label;
     }
-    bool air = false;
-    for (int32_t n = 0; n < work->count; n++) {
-        air = air || (work->touched[n] && work->label[n] < 0);
+    int32_t air = 0;
+    for (int32_t n = 0; n < work->count; n++) air |= (work->label[n] < 0) & work->touched[n];
+    for (int32_t n = 0; air && n < work->count; n++) {
         if (work->label[n] < 0) continue;
         work->step[n] = 0;
         work->queue[queued++] = n;
@@ -292,8 +331,8 @@ static bool make_room(part_maker *work)
 {
     work->count = work->box.size[0] * work->box.size[1] * work->box.size[2];
     if (work->count <= work->room) return true;
-    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->carried, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted};
-    const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, sizeof *work->carried, 1, 1, 1, 1};
+    void **blocks[] = {(void **)&work->label, (void **)&work->queue, (void **)&work->carried, (void **)&work->step, (void **)&work->severed, (void **)&work->touched, (void **)&work->wanted, (void **)&work->wall};
+    const size_t sizes[] = {sizeof *work->label, sizeof *work->queue, sizeof *work->carried, 1, 1, 1, 1, 1};
     work->room = 0;
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) {
         pliant_free(*blocks[b]);
@@ -306,15 +345,19 @@ static bool make_room(part_maker *work)
 static void write_labels(const part_maker *work, uint16_t *labels)
 {
     const int32_t *size = work->box.size, step[3] = {size[0] > 1, size[1] > 1 ? size[0] : 0, size[2] > 1 ? size[0] * size[1] : 0};
-    for (int32_t n = 0; n < work->count; n++) {
-        int32_t at[3];
-        bool uniform = true;
-        part_place_of(size, n, at);
-        for (int d = 0; d < 3; d++) uniform = uniform && (size[d] < 2 || at[d] + 1 < size[d]);
-        for (int c = 1; c < 8 && uniform; c++)
-            uniform = work->label[n + (c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)] == work->label[n];
-        labels[n] = (uint16_t)((uint32_t)work->label[n] | (uniform ? PART_UNIFORM : 0));
-    }
+    const int32_t cells = size[0] > 1 ? size[0] - 1 : size[0];
+    for (int32_t k = 0; k < size[2]; k++)
+        for (int32_t j = 0; j < size[1]; j++) {
+            const int32_t row = size[0] * (j + size[1] * k);
+            const int32_t *label = work->label + row;
+            const bool last = (size[1] > 1 && j + 1 == size[1]) || (size[2] > 1 && k + 1 == size[2]);
+            for (int32_t i = 0; i < size[0]; i++) labels[row + i] = (uint16_t)label[i];
+            for (int32_t i = 0; i < cells && !last; i++) {
+                int32_t others = 0;
+                for (int c = 1; c < 8; c++) others |= label[i + (c & 1 ? step[0] : 0) + (c & 2 ? step[1] : 0) + (c & 4 ? step[2] : 0)] ^ label[i];
+                labels[row + i] |= others == 0 ? PART_UNIFORM : 0;
+            }
+        }
 }
 
 pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_box *box, int32_t maker, part_made *out)
@@ -327,11 +370,13 @@ pliant_status pliant_parts_make_box(part_maker *work, int32_t tet, const part_bo
     const bool severed = find_severed(work);
     if (!severed && work->cut_of[tet] < 0) return PLIANT_OK;
     pliant_parts_shape(work, tet, &work->at);
-    if (!find_touched(work) && work->cut_of[tet] < 0) return PLIANT_OK;
+    if (work->cut_of[tet] < 0 && !touches_severed(work)) return PLIANT_OK;
+    find_touched(work);
     for (int32_t n = 0; n < work->count; n++) work->label[n] = NO_LABEL;
     *out = (part_made){.carriers = (int32_t)work->carriers.count, .guests = (int32_t)work->guests.count, .labels = work->labels.count,
                        .num_labels = work->count, .maker = -1};
     if (!list_fragments(work) || !label_own(work, &queued)) return pliant_parts_no_memory();
+    find_walls(work);
     spread(work, queued, STEPS);
     if (!label_others(work)) return pliant_parts_no_memory();
     if (work->num_carriers > PART_MOST_LABELS) return pliant_fail(PLIANT_ERROR_MEMORY, "more than %d fragments meet in one tetrahedron", PART_MOST_LABELS);

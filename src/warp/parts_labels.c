@@ -56,21 +56,17 @@ static bool fill_cubes(part_hosts *hosts, const pliant_voxels *voxels)
     return true;
 }
 
-pliant_status pliant_part_hosts_find(const part_maker *work, const pliant_parts *before, part_hosts **out)
+pliant_status pliant_part_hosts_create(const pliant_body *body, const pliant_geometry *scan, part_hosts **out)
 {
-    if (before) {
-        before->hosts->holders++;
-        *out = before->hosts;
-        return PLIANT_OK;
-    }
+    const part_maker work = {.body = body, .voxels = body->voxels, .scan = scan};
     part_hosts *made = pliant_calloc(1, sizeof *made);
-    if (!made || !(made->box = pliant_calloc((size_t)work->voxels->num_tets, sizeof *made->box))) {
+    if (!made || !(made->box = pliant_calloc((size_t)work.voxels->num_tets, sizeof *made->box))) {
         pliant_free(made);
         return pliant_parts_no_memory();
     }
     made->holders = 1;
-    for (int32_t t = 0; t < work->voxels->num_tets; t++) pliant_parts_box(work, t, made->box + t);
-    if (!fill_cubes(made, work->voxels)) {
+    for (int32_t t = 0; t < work.voxels->num_tets; t++) pliant_parts_box(&work, t, made->box + t);
+    if (!fill_cubes(made, work.voxels)) {
         pliant_part_hosts_release(made);
         return pliant_parts_no_memory();
     }

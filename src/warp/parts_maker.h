@@ -41,6 +41,7 @@ typedef struct part_maker {
     int32_t *label;                /* (count) -1: none yet */
     uint8_t *step, *severed, *touched, *wanted; /* (count) links away; links that are cut; corners of cells that the tetrahedron touches; of
                                     * another one, and without a label so far */
+    uint8_t *wall;                 /* (count) bit 2 d: the box ends there along axis d, going back; bit 2 d + 1: going on */
     int32_t *queue, *carried;      /* (count) */
     int32_t num_carriers, num_fragments, first_carrier;
     bool by_node;                  /* parts.h */
@@ -97,9 +98,6 @@ pliant_status pliant_parts_add_guests(part_maker *work);
 
 /* parts_labels.c: labels and boxes that bodies share */
 void pliant_part_pool_release(part_pool *pool); /* Nullable */
-void pliant_part_hosts_release(part_hosts *hosts);    /* Nullable */
-/* Those of the parts before, Nullable, or new ones. */
-pliant_status pliant_part_hosts_find(const part_maker *work, const pliant_parts *before, part_hosts **out);
 /* Room for so many more; where there is none, other labels, to which `live` ones are to be copied. */
 pliant_status pliant_part_pool_find(const pliant_parts *before, size_t live, size_t more, part_pool **out);
 

@@ -257,7 +257,7 @@ pliant_status pliant_warp_prepare(pliant_warp *warp, const pliant_body *body, pl
     next->mesh = &body->fine;
     next->load_nodes = body->voxels ? body->voxels->num_nodes : 0;
     next->body = body;
-    status = pliant_parts_create(body, &warp->scan, warp->body, warp->parts, warp->num_threads, &next->parts);
+    status = pliant_parts_create(body, &warp->scan, warp->body, warp->parts, warp->hosts, warp->num_threads, &next->parts);
     if (status == PLIANT_OK && warp->fit && !next->parts) status = pliant_parts_whole(body, &warp->scan, &next->parts);
     if (status == PLIANT_OK && (!allocate(warp, next) || !make_room(warp, (size_t)body->fine.num_nodes, (size_t)next->changes.now, next)))
         status = pliant_fail_memory("the warp");
@@ -306,6 +306,20 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
     swap(&warp->guest_fixed, &next->guest_fixed);
     if (next->fit) swap(&warp->fit, &next->fit);
     if (next->device_next) warp->device->take(warp->accelerated, next->device_next);
+}
+
+pliant_status pliant_warp_expect_cuts(pliant_warp *warp, const pliant_body *body)
+{
+    if (!body->voxels || memcmp(body->voxels->geometry.size, warp->scan.size, sizeof warp->scan.size) != 0) return PLIANT_OK;
+    if (!warp->hosts) {
+        pliant_status status = pliant_part_hosts_create(body, &warp->scan, &warp->hosts);
+        if (status != PLIANT_OK) return status;
+    }
+    pliant_warp_next *room = pliant_calloc(1, sizeof *room);
+    const bool made = room && make_room(warp, (size_t)warp->mesh->num_nodes + 1, (size_t)warp->num_elements + 1, room);
+    if (made) take_room(warp, room);
+    pliant_warp_next_free(room);
+    return made ? PLIANT_OK : pliant_fail_memory("the warp");
 }
 
 pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_body *body)

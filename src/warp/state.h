@@ -23,6 +23,7 @@ struct pliant_warp {
     int32_t *fixed, *next;   /* (num_nodes x 3) nodes of the last and of the coming update */
     uint8_t *moved;          /* (num_nodes) */
     pliant_parts *parts;     /* NULL: nothing is cut */
+    part_hosts *hosts;       /* Nullable: for parts to come */
     int32_t *guest_fixed;    /* (guests x 12) corners of guests, as of the last update */
     int32_t num_elements;    /* tetrahedra, and after them guests */
     raster_tet *tets;        /* (num_elements), of the last update */

@@ -14,6 +14,7 @@ void pliant_warp_free(pliant_warp *warp)
     pliant_volume_free(&warp->volume);
     pliant_fit_free(warp->fit);
     pliant_parts_free(warp->parts);
+    pliant_part_hosts_release(warp->hosts);
     void *blocks[] = {warp->rest, warp->fixed, warp->next, warp->moved, warp->guest_fixed, warp->tets, warp->anew, warp->changed, warp->dirty,
                       warp->left, warp->dirty_bricks, warp->end, warp->candidates, warp->scratch};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);

@@ -1,6 +1,7 @@
 /* What a patch is made of, in the background: the responses that are missing, and the basis. */
 #include "base/fail.h"
 #include "base/free_memory.h"
+#include "base/room.h"
 #include "base/threads.h"
 #include "fem/patch/patch_job.h"
 #include "pliant/memory.h"
@@ -172,6 +173,7 @@ static void run_job(pliant_patch *patch)
 static void *in_background(void *argument)
 {
     pliant_threads_step_back();
+    pliant_memory_apart();
     pliant_patch *patch = argument;
     run_job(patch);
     atomic_store(&patch->finished, true);

@@ -9,6 +9,7 @@
  * made for a body when the next one comes is of use all the same: it becomes the base of what is carried over (carried.h). The thread
  * reads what it began with, which is retained; no step waits for it. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "base/threads.h"
 #include "base/dense.h"
 #include "fem/quasistatic/background.h"
@@ -157,6 +158,7 @@ static void *in_background(void *argument)
 {
     pliant_refresh *refresh = argument;
     pliant_threads_step_back();
+    pliant_memory_apart();
     refresh->work(refresh);
     atomic_store(&refresh->finished, true);
     return NULL;
