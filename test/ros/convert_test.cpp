@@ -254,7 +254,8 @@ TEST_F(ConvertBodies, OfTwoRevisionsHaveTwoTopologies)
 TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
 {
     std::string why;
-    std::shared_ptr<const pliant_body> first = body_of(*loaded, topology(*loaded->model->body), nullptr, &why), second = body_of(*loaded, topology(*cut), nullptr, &why);
+    Bodies bodies;
+    std::shared_ptr<const pliant_body> first = body_of(*loaded, topology(*loaded->model->body), &bodies, &why), second = body_of(*loaded, topology(*cut), &bodies, &why);
     EXPECT_EQ(first.get(), loaded->model->body);
     ASSERT_TRUE(second) << why;
     EXPECT_TRUE(pliant_body_same(second.get(), cut.get()));
@@ -264,21 +265,25 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     EXPECT_THROW(snapshot_of(loaded, first, state), Failure);
     MeshTopology wrong = topology(*cut);
     wrong.tetrahedra[5] = wrong.tetrahedra[4];
-    EXPECT_FALSE(body_of(*loaded, wrong, nullptr, &why));
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
     EXPECT_NE(why.find("the scene must be the one of the recording"), std::string::npos) << why;
     wrong = topology(*cut);
     wrong.severed[0] = 0xffffffffu;
-    EXPECT_FALSE(body_of(*loaded, wrong, nullptr, &why));
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
     EXPECT_NE(why.find("no link or bridge"), std::string::npos) << why;
     wrong = topology(*cut);
     wrong.cut_end[0] = 0;
-    EXPECT_FALSE(body_of(*loaded, wrong, nullptr, &why));
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
     /* from another one with the first cuts, and from one that has others */
-    EXPECT_TRUE(body_of(*loaded, topology(*cut), second, &why));
-    EXPECT_EQ(body_of(*loaded, topology(*loaded->model->body), second, &why).get(), loaded->model->body);
+    EXPECT_TRUE(body_of(*loaded, topology(*cut), &bodies, &why));
+    EXPECT_EQ(body_of(*loaded, topology(*loaded->model->body), &bodies, &why).get(), loaded->model->body);
+    /* found again after an undo it is another one: what is drawn of one is not taken for what the other goes on from */
+    const std::shared_ptr<const pliant_body> again = body_of(*loaded, topology(*cut), &bodies, &why);
+    ASSERT_TRUE(again) << why;
+    EXPECT_NE(again->revision, second->revision);
     wrong = topology(*cut);
     wrong.rest_nodes.back() += 1e-3f;
-    EXPECT_FALSE(body_of(*loaded, wrong, nullptr, &why));
+    EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
 }
 
 // the same of tetrahedra that cuts subdivide: nodes on edges, to the bit
@@ -295,24 +300,23 @@ TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
     const std::shared_ptr<const pliant_body> once(made, pliant_body_release), twice = part(*once, 0.0012, 3);
     loaded = other;
     std::string why;
-    std::shared_ptr<const pliant_body> last;
+    Bodies bodies;
     for (const pliant_body *body : std::initializer_list<const pliant_body *>{other->model->body, once.get(), twice.get(), once.get()}) {
-        const std::shared_ptr<const pliant_body> found = body_of(*other, topology(*body), last, &why);
+        const std::shared_ptr<const pliant_body> found = body_of(*other, topology(*body), &bodies, &why);
         ASSERT_TRUE(found) << why;
         ASSERT_EQ(found->fine.num_nodes, body->fine.num_nodes);
         ASSERT_EQ(found->fine.num_tets, body->fine.num_tets);
         EXPECT_EQ(std::memcmp(found->fine.rest, body->fine.rest, 3 * static_cast<size_t>(body->fine.num_nodes) * sizeof(double)), 0);
         EXPECT_EQ(std::memcmp(found->fine.tets, body->fine.tets, 4 * static_cast<size_t>(body->fine.num_tets) * sizeof(int32_t)), 0);
-        last = found;
     }
     ASSERT_GT(once->fine.num_tets, other->model->body->fine.num_tets);
     ASSERT_GT(twice->fine.num_tets, once->fine.num_tets);
     MeshTopology wrong = topology(*twice);
     wrong.between.back() = static_cast<uint32_t>(twice->fine.num_nodes);
-    EXPECT_FALSE(body_of(*other, wrong, nullptr, &why));
+    EXPECT_FALSE(body_of(*other, wrong, &bodies, &why));
     wrong = topology(*twice);
     wrong.tetrahedron_parent.pop_back();
-    EXPECT_FALSE(body_of(*other, wrong, nullptr, &why));
+    EXPECT_FALSE(body_of(*other, wrong, &bodies, &why));
     EXPECT_NE(why.find("no parts of those at load"), std::string::npos) << why;
 }
 

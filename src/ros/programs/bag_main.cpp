@@ -143,14 +143,13 @@ void Extraction::read_topologies(uint32_t end)
     rosbag::View view(bag_, rosbag::TopicQuery(topic("mesh/topology")));
     bool any = false;
     std::string why;
-    std::shared_ptr<const pliant_body> newest;
+    Bodies bodies;
     for (const rosbag::MessageInstance &recorded : view) {
         MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>();
         if (!topology) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/topology") + other_kind);
         if (topology->revision < load_ || topology->revision >= end) continue;
         why.clear();
-        std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, newest, &why);
-        if (body) newest = body;
+        std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &bodies, &why);
         any |= body != nullptr;
         bodies_[topology->revision] = body;
         differs_[topology->revision] = why;

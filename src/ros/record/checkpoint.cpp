@@ -127,7 +127,8 @@ Saved read_saved(const std::string &path)
 Moment moment_of(const Saved &saved, std::shared_ptr<const Loaded> loaded)
 {
     std::string why;
-    std::shared_ptr<const pliant_body> body = body_of(*loaded, saved.topology, nullptr, &why);
+    Bodies bodies;
+    std::shared_ptr<const pliant_body> body = body_of(*loaded, saved.topology, &bodies, &why);
     if (!body) throw Failure(PLIANT_ERROR_FORMAT, why);
     Moment out;
     out.snapshot = *snapshot_of(std::move(loaded), body, saved.state);

@@ -29,7 +29,7 @@ bool begins(const pliant_body &body, const MeshTopology &recorded)
 }
 
 /* What the recorded cuts make of a body that has the first of them. */
-bool sever(const MeshTopology &recorded, std::shared_ptr<const pliant_body> *body)
+bool sever(const MeshTopology &recorded, uint64_t *last_revision, std::shared_ptr<const pliant_body> *body)
 {
     for (size_t cut = (*body)->cuts ? static_cast<size_t>((*body)->cuts->num_cuts) : 0; cut < recorded.cut_end.size(); ++cut) {
         const uint32_t begin = cut > 0 ? recorded.cut_end[cut - 1] : 0, end = recorded.cut_end[cut];
@@ -38,14 +38,14 @@ bool sever(const MeshTopology &recorded, std::shared_ptr<const pliant_body> *bod
             pliant_fail(PLIANT_ERROR_FORMAT, "its cut_end does not ascend within severed");
             return false;
         }
-        if (pliant_body_sever(body->get(), (*body)->revision + 1, static_cast<int32_t>(end - begin), &recorded.severed[begin], &made) < 0) return false;
+        if (pliant_body_sever(body->get(), ++*last_revision, static_cast<int32_t>(end - begin), &recorded.severed[begin], &made) < 0) return false;
         body->reset(made, pliant_body_release);
     }
     return true;
 }
 
 /* What cuts have made of the body at load that subdivide tetrahedra, at once. */
-bool subdivide(const MeshTopology &recorded, std::shared_ptr<const pliant_body> *body)
+bool subdivide(const MeshTopology &recorded, uint64_t *last_revision, std::shared_ptr<const pliant_body> *body)
 {
     if (recorded.between.empty()) return true;
     const pliant_body &load = **body;
@@ -73,7 +73,7 @@ bool subdivide(const MeshTopology &recorded, std::shared_ptr<const pliant_body> 
     division.material = material.data();
     division.between = between.data();
     pliant_body *made = nullptr;
-    if (pliant_body_divide(&load, load.revision + 1, &division, &made) < 0) return false;
+    if (pliant_body_divide(&load, ++*last_revision, &division, &made) < 0) return false;
     body->reset(made, pliant_body_release);
     return true;
 }
@@ -99,20 +99,22 @@ bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string
 
 } // namespace
 
-std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, std::shared_ptr<const pliant_body> near,
-                                           std::string *why)
+std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies, std::string *why)
 {
     const char *id = loaded.scan->volume.id;
     std::shared_ptr<const pliant_body> body = share(pliant_model_get_body(loaded.model));
+    const std::shared_ptr<const pliant_body> near = bodies->newest;
+    bodies->last_revision = std::max(bodies->last_revision, body->revision);
     if (near && !near->subdivision && begins(*near, recorded)) body = near;
     if (recorded.scan_id != id) {
         *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + id + "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
                "\" are not those of the recording: same name, but another scan or size";
-    } else if (!sever(recorded, &body) || !subdivide(recorded, &body)) {
+    } else if (!sever(recorded, &bodies->last_revision, &body) || !subdivide(recorded, &bodies->last_revision, &body)) {
         *why = std::string("the recording's mesh was cut, but this one cannot be: ") + pliant_last_error() + "; " + same_scene;
     } else if (has_mesh(body->fine, recorded, why)) {
+        bodies->newest = body;
         return body;
     }
     return nullptr;

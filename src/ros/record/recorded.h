@@ -8,10 +8,15 @@
 
 namespace pliant_ros {
 
-/* The body of a recorded topology: that of the same scan and mesh, to the bit, or one that its cuts make of it. Empty where it is neither;
-   then *why names what differs and what would be right. near: Nullable; one that it may go on from, for speed alone. */
-std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, std::shared_ptr<const pliant_body> near,
-                                           std::string *why);
+/* The bodies of a recording so far. */
+struct Bodies {
+    std::shared_ptr<const pliant_body> newest; /* which the next may go on from, for speed alone */
+    uint64_t last_revision = 0;                /* highest of all: no two share one */
+};
+
+/* The body of a recorded topology: that of the same scan and mesh, to the bit, or one that its cuts make of it; the newest from then on. Empty where it
+   is neither; then *why names what differs and what would be right. */
+std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies, std::string *why);
 
 /* Positions of a recorded state, of the body of its topology. Throws Failure when they are not one finite point a node. */
 std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body,

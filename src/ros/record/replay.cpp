@@ -77,7 +77,7 @@ void Replay::put_in(std::shared_ptr<const Loaded> loaded)
 {
     before_ = loaded_;
     loaded_ = std::move(loaded);
-    newest_.reset();
+    made_ = Bodies{};
     /* what has overtaken the session may still be of the model before; older ones are over */
     for (auto known = bodies_.begin(); known != bodies_.end();)
         known = known->second.loaded == before_ ? std::next(known) : bodies_.erase(known);
@@ -143,8 +143,7 @@ void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 void Replay::fit(const MeshTopology &topology)
 {
     std::string why = "its model could not be made";
-    std::shared_ptr<const pliant_body> body = loaded_ ? body_of(*loaded_, topology, newest_, &why) : nullptr;
-    if (body) newest_ = body;
+    std::shared_ptr<const pliant_body> body = loaded_ ? body_of(*loaded_, topology, &made_, &why) : nullptr;
     auto known = bodies_.find(topology.revision);
     /* a bag in a loop says it again and again */
     const bool is_news = known == bodies_.end() || !known->second.body != !body || (body && !pliant_body_same(body.get(), known->second.body.get()));

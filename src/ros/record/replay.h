@@ -65,7 +65,7 @@ private:
     std::deque<pliant::MeshTopologyConstPtr> recent_; /* topics overtake each other: one may be of a session that comes after it */
     std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
     std::map<uint32_t, Known> bodies_; /* by revision */
-    std::shared_ptr<const pliant_body> newest_; /* that a topology was of */
+    Bodies made_; /* of this load */
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;
     Snapshots snapshots_{true};
