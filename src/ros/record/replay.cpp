@@ -2,18 +2,34 @@
 
 #include "ros/params/start.h"
 
+#include <ros/master.h>
 #include <ros/ros.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 #include <std_srvs/SetBool.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <iterator>
 
 namespace pliant_ros {
 
 namespace {
 
-enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, MOST_RECENT = 16 /* topologies */ };
+enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, LISTENER_SECONDS = 5 /* the master may know of some that are gone */,
+       MOST_RECENT = 16 /* topologies */ };
+
+/* Whether somebody listens to a topic, by the master's word. */
+bool has_listener(const std::string &topic)
+{
+    XmlRpc::XmlRpcValue asked, answer, state;
+    asked[0] = ros::this_node::getName();
+    if (!ros::master::execute("getSystemState", asked, answer, state, false)) return false;
+    XmlRpc::XmlRpcValue &subscribed = state[1];
+    for (int i = 0; i < subscribed.size(); ++i)
+        if (static_cast<const std::string &>(subscribed[i][0]) == topic) return true;
+    return false;
+}
 
 const pliant_progress while_ok{[](double, const char *, void *) { return ros::ok(); }, nullptr};
 
@@ -33,7 +49,7 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
     if (!parameters_.parent_frame.empty()) broadcaster_.sendTransform(tissue_transform(parameters_));
     load();
-    if (!player.empty()) start_player(handle.resolveName(player));
+    if (!player.empty()) start_player(handle.resolveName(player), handle.resolveName("volume"));
 }
 
 Replay::~Replay()
@@ -117,19 +133,40 @@ void Replay::take_session(const pliant::SessionConstPtr &session)
     work_off();
 }
 
-/* ros::service::waitForService would wait by a clock that stands still until the player plays. */
-void Replay::start_player(const std::string &name)
+/* Whether there is a connection for all that is listened to here and that somebody publishes, by the master's word. */
+bool Replay::hears_all() const
+{
+    ros::master::V_TopicInfo published;
+    if (!ros::master::getTopics(published)) return false;
+    const auto is_heard = [&published](const ros::Subscriber *own) {
+        const auto is_it = [own](const ros::master::TopicInfo &topic) { return topic.name == own->getTopic(); };
+        return !*own || own->getNumPublishers() > 0 || std::none_of(published.begin(), published.end(), is_it);
+    };
+    const ros::Subscriber *const all[] = {&sessions_, &topologies_, &states_, &steps_};
+    return std::all_of(std::begin(all), std::end(all), is_heard);
+}
+
+/* What is played before a connection from here is there is lost, and a player waits for none. It answers only once it has advertised what its
+   bags have: so it is first asked to pause, as it does. Nor is a volume kept for who listens already, but has no connection yet.
+   ros::service::waitForService would wait by a clock that stands still until the player plays. */
+void Replay::start_player(const std::string &name, const std::string &volume)
 {
     const std::string service = name + "/pause_playback";
-    Clock::time_point end = Clock::now() + std::chrono::seconds(PLAYER_SECONDS);
-    std_srvs::SetBool go;
-    go.request.data = false;
+    const auto ask_to_pause = [&service](bool pause) {
+        std_srvs::SetBool asked;
+        asked.request.data = pause;
+        return ros::service::exists(service, false) && ros::service::call(service, asked);
+    };
+    const Clock::time_point begin = Clock::now(), end = begin + std::chrono::seconds(PLAYER_SECONDS);
+    bool has_advertised = false;
     while (ros::ok() && Clock::now() < end) {
-        if (ros::service::exists(service, false) && ros::service::call(service, go)) return;
+        has_advertised = has_advertised || ask_to_pause(true);
+        const bool is_heard = snapshots_.wanted() || Clock::now() > begin + std::chrono::seconds(LISTENER_SECONDS) || !has_listener(volume);
+        if (has_advertised && is_heard && hears_all() && ask_to_pause(false)) return;
         ros::WallDuration(0.05).sleep();
     }
     if (ros::ok())
-        ROS_ERROR("replay: no player at %s after %d s; start the bag by hand", service.c_str(), PLAYER_SECONDS);
+        ROS_ERROR("replay: no player at %s, or no connection to it, after %d s; start the bag by hand", service.c_str(), PLAYER_SECONDS);
 }
 
 void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)

@@ -22,8 +22,9 @@ namespace pliant_ros {
 class Replay {
 public:
     /* Loads the scan, and returns when that is done. Throws std::runtime_error with a message for a person.
-       player: node name of a `rosbag play --pause` to set going then, or empty. bags: that it will play, where they are to say what the model
-       is; empty: the parameters do. */
+       player: node name of a `rosbag play --pause` to set going then, or empty; it begins once there are connections to it, and from who listens
+       to the volume already, so that neither misses anything. bags: that it will play, where they are to say what the model is; empty: the
+       parameters do. */
     Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates, const std::vector<std::string> &bags);
     ~Replay();
 
@@ -46,7 +47,9 @@ private:
     void take_session(const pliant::SessionConstPtr &session);
     void fit(const pliant::MeshTopology &topology);
     bool waits(const Pending &next) const;
-    void start_player(const std::string &name);
+    bool hears_all() const;
+    /* volume: the topic */
+    void start_player(const std::string &name, const std::string &volume);
     void take_topology(const pliant::MeshTopologyConstPtr &topology);
     void take_state(const pliant::MeshStateConstPtr &state);
     void take_step(const pliant::StepConstPtr &step);
