@@ -54,6 +54,7 @@ typedef struct pliant_upsample {
  * X_f + N q. */
 typedef struct pliant_macros {
     int32_t count;
+    int32_t num_lent;         /* the first ones, whose roots belong to another system, which stays */
     int32_t *start;           /* (count + 1) into the corners */
     int32_t *node;            /* (corners) solved node */
     uint8_t *held;            /* (corners) */
@@ -77,6 +78,15 @@ typedef struct pliant_macros {
 
 enum { PLIANT_MAX_LAYERS = 3, PLIANT_MAX_CORNERS = 2 * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) * (2 * PLIANT_MAX_LAYERS + 2) };
 
+/* The coarse elements at load, of which graded systems have those that no cut has come near; those that follow one another share it. */
+typedef struct pliant_graded_base {
+    int32_t holders;          /* changed atomically */
+    const pliant_macros *macros; /* those of the coarse system, or made of its tetrahedra */
+    pliant_macros *made;      /* Nullable */
+    double *trace;            /* (macros->count) what each adds to the diagonal's sum */
+    int32_t *element_of_tet;  /* (coarse tetrahedra) */
+} pliant_graded_base;
+
 /* Of a coarse system in whose body cuts have been made: near them its elements are those of the fine mesh (coarse/graded.c). Solved nodes are those of the
  * coarse mesh, then all fine ones, of which most follow and are no unknowns. */
 typedef struct pliant_graded {
@@ -84,6 +94,11 @@ typedef struct pliant_graded {
     int32_t coarse_nodes;
     uint8_t *used;            /* (coarse_nodes) an element has it */
     uint8_t *refined;         /* (cells of the coarse lattice) */
+    pliant_graded_base *base; /* the coarse elements at load; shared */
+    int32_t num_base, num_fine; /* elements: those of the coarse mesh, which come first, then fine ones */
+    int32_t *tet;             /* (num_fine) fine tetrahedron that each is; of a hexahedron -1 - its first one */
+    int32_t *within;          /* (fine nodes) the first tetrahedron of a coarse element beside refined cubes that one of theirs lies in; -1: none */
+    uint8_t *in_refined;      /* (fine nodes) a refined cube has it */
 } pliant_graded;
 
 /* What the stiffness of a block of elements follows from at one state. */
@@ -121,12 +136,13 @@ struct pliant_system {
     pliant_pattern pattern;   /* of the next body's system empty until a background thread needs it, which makes it */
     pliant_preconditioner *preconditioner; /* at rest; shared, never changed. NULL: the next body's, until the solver has made its own */
     double mean_diagonal;     /* of that matrix [N/m] */
-    double *trace;            /* (num_blocks) what each adds to that diagonal's sum */
+    double *trace;            /* (num_blocks) what each adds to that diagonal's sum; of a graded system (elements), below 0 where it is not known yet */
 
     pliant_upsample *upsample; /* Nullable */
     pliant_graded *graded;    /* Nullable: mesh is its own */
     pliant_basis *basis;      /* Nullable: of a patch (basis.h): what lies beyond its elements pulls, too */
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
+    double *fine_mass;        /* Nullable: (fine nodes) by the shape functions of hexahedra [kg] */
 };
 
 /* ---- elements of either kind: tetrahedra of the solved mesh, or macro-elements */
@@ -203,8 +219,10 @@ pliant_status pliant_system_octree_hexahedra(pliant_system *system, const pliant
 /* Whether cuts have parted anything of a body. */
 bool pliant_body_is_cut(const pliant_body *body);
 /* All of it that is made of elements, and how the fine nodes follow; its mesh is the coarse one yet. base: of the coarse mesh alone, with unknowns.
- * fixed: (solved nodes) out, with pliant_calloc. Errors: MEMORY. */
-pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, bool hexahedra, uint8_t **fixed);
+ * kept: Nullable: what the body before has the same, whose system may be graded, from the same base. fixed: (solved nodes) out, with pliant_calloc.
+ * Errors: MEMORY. */
+pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, const pliant_kept *kept, bool hexahedra,
+                                   uint8_t **fixed);
 /* ---- coarse/graded_carry.c */
 /* The solved node that each was in the system of the body before; -1: none. *own: to be freed by the caller, where it is not the map's. Errors: MEMORY. */
 pliant_status pliant_solved_sources(const pliant_system *system, const pliant_system *before, const pliant_body_map *map, int32_t **own, const int32_t **out);
@@ -226,7 +244,9 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
 /* of the stiffness of a corner's cube the column of blocks of that corner: blocks (corners of the cube x 9) */
 void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks);
 double pliant_macro_operations(const pliant_system *system); /* of that */
-double pliant_macro_mean_diagonal(const pliant_system *system);
+double pliant_macro_mean_diagonal(const pliant_system *system); /* finds what is not known of its trace */
+/* what an element adds to the diagonal's sum */
+double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element);
 void pliant_macro_positions(const pliant_system *system, const double *solved, double *fine);
 /* a fine node's, added with this weight: dense (num_free x 9) */
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense);

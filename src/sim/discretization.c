@@ -167,8 +167,8 @@ static pliant_status homogenize_cut(pliant_discretizing *work)
     const pliant_discretization *load = before ? made->first : made;
     pliant_free(work->solved_fixed);
     work->solved_fixed = NULL;
-    return pliant_system_graded(made->system, load->coarse_system ? load->coarse_system : load->system, made->body, work->scene->element.kind == PLIANT_HEXAHEDRA,
-                             &work->solved_fixed);
+    return pliant_system_graded(made->system, load->coarse_system ? load->coarse_system : load->system, made->body, work->kept,
+                                work->scene->element.kind == PLIANT_HEXAHEDRA, &work->solved_fixed);
 }
 
 pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
@@ -179,7 +179,9 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
     const pliant_kept *kept = work->kept;
     const pliant_system *before = kept ? kept->before->system : NULL;
-    if (is_coarse(scene)) return pliant_body_is_cut(body) ? homogenize_cut(work) : homogenize_coarse(work);
+    /* what is severed without parting anything homogenizes nothing */
+    const bool graded = pliant_body_is_cut(body) || (kept && scene->model.method != PLIANT_LOD);
+    if (is_coarse(scene)) return graded ? homogenize_cut(work) : homogenize_coarse(work);
     if (scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
     return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept ? kept->fine : NULL)
                                                    : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
@@ -203,21 +205,27 @@ static pliant_status own_masses(pliant_discretization *made, const pliant_discre
     return PLIANT_OK;
 }
 
-/* M_j = sum of m_i N_ij over the fine nodes, [H] 10; hexahedra: m by their own shape functions. before: Nullable */
-static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, const pliant_discretization *before)
+/* M_j = sum of m_i N_ij over the fine nodes, [H] 10; hexahedra: m by their own shape functions. kept: Nullable */
+static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, const pliant_kept *kept)
 {
     const pliant_body *body = made->body;
+    const pliant_discretization *before = kept ? kept->before : NULL;
     pliant_system *system = made->system;
     if (before && !hexahedra && !system->upsample && !system->macros && system->mesh == system->fine) return own_masses(made, before);
-    int32_t count = body->fine.num_nodes, *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    const int32_t count = body->fine.num_nodes;
+    int32_t *nodes = pliant_calloc((size_t)count, sizeof *nodes);
     system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
-    double *mass = hexahedra ? pliant_calloc((size_t)count, sizeof *mass) : NULL;
-    pliant_status status = nodes && system->gravity_mass && (mass || !hexahedra) ? PLIANT_OK : pliant_fail_memory("the gravity-mass matrices");
-    if (status == PLIANT_OK && hexahedra) status = pliant_hexahedra_masses(&body->fine, body->fine_material, mass);
+    pliant_status status = nodes && system->gravity_mass ? PLIANT_OK : pliant_fail_memory("the gravity-mass matrices");
+    const double *was = before ? before->system->fine_mass : NULL;
+    if (status == PLIANT_OK && hexahedra && was) {
+        status = pliant_hexahedra_masses_next(&body->fine, body->fine_material, was, before->body->fine.num_nodes, kept->fine, &system->fine_mass);
+    } else if (status == PLIANT_OK && hexahedra) {
+        system->fine_mass = pliant_calloc((size_t)count, sizeof *system->fine_mass);
+        status = system->fine_mass ? pliant_hexahedra_masses(&body->fine, body->fine_material, system->fine_mass) : pliant_fail_memory("the gravity-mass matrices");
+    }
     for (int32_t n = 0; status == PLIANT_OK && n < count; n++) nodes[n] = n;
-    if (status == PLIANT_OK) pliant_upsample_weights(system, system->mesh->rest, count, nodes, hexahedra ? mass : body->node_mass, system->gravity_mass);
+    if (status == PLIANT_OK) pliant_upsample_weights(system, system->mesh->rest, count, nodes, hexahedra ? system->fine_mass : body->node_mass, system->gravity_mass);
     pliant_free(nodes);
-    pliant_free(mass);
     return status;
 }
 
@@ -235,8 +243,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     const pliant_kept *kept = work->kept;
     pliant_status status = pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
                                                      kept ? kept->before->system : NULL, kept_of_solved(work));
-    if (status == PLIANT_OK) status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE,
-                                                     kept ? kept->before : NULL);
+    if (status == PLIANT_OK) status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE, kept);
     if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
     /* the V-cycle's meshes nest by lattice, and its elements have nodes of their own cube alone */

@@ -143,9 +143,28 @@ template <class T> void expect_same(const T *a, const T *b, size_t count, const 
     if (a) EXPECT_EQ(std::memcmp(a, b, count * sizeof *a), 0) << what;
 }
 
+void expect_same(const pliant_macros &a, const pliant_macros &b)
+{
+    ASSERT_EQ(a.count, b.count);
+    const size_t count = static_cast<size_t>(a.count);
+    expect_same(a.start, b.start, count + 1, "corners");
+    const size_t corners = static_cast<size_t>(a.start[count]);
+    expect_same(a.node, b.node, corners, "elements' nodes");
+    expect_same(a.held, b.held, corners, "held corners");
+    expect_same(a.grounded, b.grounded, count, "grounded elements");
+    expect_same(a.own, b.own, 8 * count, "own nodes");
+    expect_same(a.gradient, b.gradient, 24 * count, "elements' gradients");
+    expect_same(a.shear, b.shear, count, "elements' weights");
+    expect_same(a.cell, b.cell, count, "cells");
+    expect_same(a.rank, b.rank, count, "ranks");
+    for (size_t e = 0; e < count; e++) expect_same(a.root[e], b.root[e], static_cast<size_t>(3 * a.rank[e] * (a.start[e + 1] - a.start[e])), "roots");
+}
+
 void expect_same(const pliant_system &a, const pliant_system &b)
 {
     ASSERT_EQ(a.num_free, b.num_free);
+    ASSERT_EQ(a.macros == nullptr, b.macros == nullptr);
+    if (a.macros) expect_same(*a.macros, *b.macros);
     const size_t blocks = static_cast<size_t>(a.num_blocks), tets = static_cast<size_t>(a.mesh->num_tets), fine = static_cast<size_t>(a.fine->num_nodes);
     ASSERT_EQ(a.num_blocks, b.num_blocks);
     expect_same(a.gradients, b.gradients, blocks, "gradients");
@@ -180,23 +199,27 @@ TEST_P(EveryFragment, IncrementallyAsAnew)
 {
     std::unique_ptr<Body> body = make(GetParam());
     std::vector<int8_t> sides;
-    const pliant_body *before = pliant_body_retain(body->model->body);
-    for (double z : {0.11, 0.06}) { // two strokes, fragments of fine tetrahedra
-        const pliant_body *next = sever_plane(before, before->revision + 1, slanted, above(z), &sides);
-        ASSERT_TRUE(next) << pliant_last_error();
-        EXPECT_GT(next->fine.num_tets, before->fine.num_tets);
-        EXPECT_LT(next->changes.num_touched, before->fine.num_tets / 2);
+    std::vector<const pliant_body *> bodies = {pliant_body_retain(body->model->body)};
+    auto compare = [&](const pliant_body *next) {
         ASSERT_EQ(pliant_data_set_body(body->model, body->data, next), PLIANT_OK) << pliant_last_error();
         const pliant_discretization *anew = nullptr, *made = body->data->discretization;
         ASSERT_EQ(pliant_discretization_create(&body->scene, next, &anew), PLIANT_OK) << pliant_last_error();
         if (!made->tled) expect_same(*made->system, *anew->system);
         pliant_discretization_release(anew);
-        pliant_body_release(before);
-        before = next;
+    };
+    for (double z : {0.11, 0.06}) { // two strokes, fragments of fine tetrahedra
+        const pliant_body *before = bodies.back(), *next = sever_plane(before, before->revision + 1, slanted, above(z), &sides);
+        ASSERT_TRUE(next) << pliant_last_error();
+        bodies.push_back(next);
+        EXPECT_GT(next->fine.num_tets, before->fine.num_tets);
+        EXPECT_LT(next->changes.num_touched, before->fine.num_tets / 2);
+        compare(next);
     }
+    compare(bodies[1]); // the way back
+    compare(bodies[2]);
     ASSERT_EQ(pliant_data_set_body(body->model, body->data, body->model->body), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body->data->discretization, body->model->discretization);
-    pliant_body_release(before);
+    for (const pliant_body *each : bodies) pliant_body_release(each);
 }
 
 // steps between strokes, the tools pulling: it stays a state, and settles where a body that was cut at rest does

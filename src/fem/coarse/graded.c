@@ -3,359 +3,239 @@
  * Elsewhere coarse elements stay, to the bit, what they were at load.
  *
  * Between the two, fine nodes of coarse elements follow these linearly, u = C u_m (Hughes, The Finite Element Method, 3.A), and a fine element with such
- * corners has C'KC on the nodes that they follow: a fine cube has no more than three faces in those of its coarse cube, so that these are eight at most. */
+ * corners has C'KC on the nodes that they follow: a fine cube has no more than three faces in those of its coarse cube, so that these are eight at most.
+ *
+ * Of a body that follows another, what a cut has not come near is that of the system before. */
 #include "base/fail.h"
+#include "base/room.h"
+#include "fem/coarse/graded.h"
 #include "fem/element/hexahedra.h"
-#include "fem/system.h"
 #include "pliant/memory.h"
 
-#include <math.h>
 #include <string.h>
 
-enum { CORNERS = 8, LAYERS = 3 }; /* of fine cubes by a cut: those that it parts, and those beside them */
-
-typedef struct grading {
-    pliant_system *system;
-    const pliant_system *base;
-    const pliant_body *body;
-    const pliant_mesh *fine, *coarse;
-    pliant_graded *graded;
-    int32_t ratio[3];
-    int32_t *element_of_tet;   /* (coarse tetrahedra) element of the base */
-    int32_t *now;              /* (elements of the base) its number here, or -1 */
-    int32_t *within;           /* (fine nodes) a tetrahedron of a coarse element that it follows, or -1 */
-    uint8_t *in_refined;       /* (fine nodes) */
-    pliant_cube *cubes;        /* hexahedra of the fine mesh */
-    int32_t num_cubes;
-    pliant_cube_shape *shape;  /* (2) by parity */
-    bool known[2];
-    uint8_t *free;             /* (solved nodes) an element has it, and nothing holds it */
-    int32_t *point;            /* (fine nodes) the element without stiffness that stands for it, or -1; schur */
-} grading;
-
-/* nodes, and their weights: what a solved node is, or follows */
-typedef struct followed {
-    int32_t node[CORNERS];
-    double weight[CORNERS];
-    int count;
-} followed;
+enum { LAYERS = 3 }; /* of fine cubes by a cut: those that it parts, and those beside them */
 
 bool pliant_body_is_cut(const pliant_body *body) { return body->node_parent || body->tet_parent; }
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
 
-static int32_t count_of_cells(const pliant_mesh *mesh) { return mesh->cells[0] * mesh->cells[1] * mesh->cells[2]; }
+static size_t count_cells(const pliant_mesh *mesh) { return (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2]; }
 
-static int32_t coarse_cell(const grading *work, int32_t fine_cell)
+/* ---- the coarse elements at load */
+
+static pliant_status make_tet(const pliant_system *system, int32_t tet, pliant_macros *macros)
 {
-    const int32_t *cells = work->fine->cells, *coarse = work->coarse->cells;
-    const int32_t i = fine_cell % cells[0], j = fine_cell / cells[0] % cells[1], k = fine_cell / cells[0] / cells[1];
-    return i / work->ratio[0] + coarse[0] * (j / work->ratio[1] + coarse[1] * (k / work->ratio[2]));
+    const pliant_mesh *mesh = system->mesh;
+    double k[144], *gradients = macros->gradient + 24 * (size_t)tet;
+    for (int m = 0; m < 12; m++) gradients[m] = system->gradients[tet / LANES][m][tet % LANES];
+    for (int v = 0; v < GRADED_CORNERS; v++) macros->own[GRADED_CORNERS * (size_t)tet + (size_t)v] = v < 4 ? mesh->tets[4 * (size_t)tet + (size_t)v] : -1;
+    memcpy(macros->node + 4 * (size_t)tet, mesh->tets + 4 * (size_t)tet, 4 * sizeof *macros->node);
+    macros->start[tet + 1] = 4 * (tet + 1);
+    macros->cell[tet] = mesh->lattice_of_tet[tet] / 5;
+    macros->grounded[tet] = system->grounded && system->grounded[tet];
+    memset(macros->held + 4 * (size_t)tet, macros->grounded[tet], 4);
+    if (system->stiffness) memcpy(k, system->stiffness + 144 * (size_t)tet, sizeof k);
+    else pliant_element_stiffness(gradients, system->lame[tet / LANES][0][tet % LANES], system->lame[tet / LANES][1][tet % LANES], k);
+    return pliant_macros_keep(macros, tet, 12, k);
 }
 
-static int32_t cell_of_tet(const grading *work, int32_t tet) { return coarse_cell(work, work->fine->lattice_of_tet[tet] / 5); }
+/* Coarse tetrahedra as macro-elements; load: the body that they are of. */
+static pliant_status make_tets(const pliant_system *system, const pliant_body *load, pliant_macros **out)
+{
+    const size_t count = (size_t)system->mesh->num_tets;
+    const double *size = load->fine.cell_size;
+    pliant_macros *macros = *out = pliant_calloc(1, sizeof *macros);
+    pliant_status status = macros ? pliant_macros_allocate(macros, count, 4 * count) : no_memory();
+    for (int32_t t = 0; status == PLIANT_OK && t < system->mesh->num_tets; t++) status = make_tet(system, t, macros);
+    for (int32_t t = 0; status == PLIANT_OK && t < load->fine.num_tets; t++) /* what each weighs in the axes of its nodes */
+        macros->shear[load->coarse_of_fine[t]] += size[0] * size[1] * size[2] / (load->fine.lattice_of_tet[t] % 5 == 0 ? 3 : 6) * load->fine_material[t].mu;
+    return status;
+}
 
-static bool is_refined(const grading *work, int32_t tet) { return work->graded->refined[cell_of_tet(work, tet)]; }
+static pliant_status make_base(const grading *work)
+{
+    const pliant_system *system = work->base;
+    pliant_graded_base *base = work->graded->base = pliant_calloc(1, sizeof *base);
+    if (!base) return no_memory();
+    base->holders = 1;
+    pliant_status status = PLIANT_OK;
+    if (!system->macros) status = make_tets(system, work->body->lender ? work->body->lender : work->body, &base->made);
+    if (status != PLIANT_OK) return status;
+    base->macros = system->macros ? system->macros : base->made;
+    if (!(base->trace = pliant_calloc((size_t)base->macros->count, sizeof *base->trace))) return no_memory();
+    for (int32_t e = 0; e < base->macros->count; e++) base->trace[e] = pliant_macro_trace(base->macros, system->free_of_node, e);
+    if (system->macros) return pliant_hexahedra_of_tets(work->coarse, system->macros, &base->element_of_tet);
+    if (!(base->element_of_tet = pliant_calloc((size_t)work->coarse->num_tets, sizeof *base->element_of_tet))) return no_memory();
+    for (int32_t t = 0; t < work->coarse->num_tets; t++) base->element_of_tet[t] = t;
+    return PLIANT_OK;
+}
+
+static pliant_status find_base(grading *work)
+{
+    pliant_status status = PLIANT_OK;
+    if (work->before) {
+        work->graded->base = work->before->graded->base;
+        __atomic_add_fetch(&work->graded->base->holders, 1, __ATOMIC_RELAXED);
+    } else {
+        status = make_base(work);
+    }
+    if (status == PLIANT_OK) work->elements = work->graded->base->macros;
+    return status;
+}
 
 /* ---- which cubes */
 
-/* Fine cubes with a place that has several nodes, or with fragments of a tetrahedron. places, of_slot: zeroed */
-static void mark_cut(const grading *work, uint8_t *places, uint8_t *of_slot, uint8_t *marked)
+/* Cells of a lattice, each in the list once it is marked. */
+typedef struct cell_list {
+    int32_t cells[3], count, *cell;
+    uint8_t *marked;
+} cell_list;
+
+static void mark(cell_list *list, int32_t cell)
 {
-    const pliant_mesh *fine = work->fine;
-    for (int32_t n = 0; n < fine->num_nodes; n++) places[fine->lattice_of_node[n]] += places[fine->lattice_of_node[n]] < 2;
-    for (int32_t t = 0; t < fine->num_tets; t++) of_slot[fine->lattice_of_tet[t]] += of_slot[fine->lattice_of_tet[t]] < 2;
-    for (int32_t v = 0; v < 4 * fine->num_tets; v++)
-        if (places[fine->lattice_of_node[fine->tets[v]]] > 1 || of_slot[fine->lattice_of_tet[v / 4]] > 1) marked[fine->lattice_of_tet[v / 4] / 5] = 1;
+    if (list->marked[cell]) return;
+    list->marked[cell] = 1;
+    list->cell[list->count++] = cell;
 }
 
-/* cubes beside marked ones, marked 2 in this pass */
-static void spread(const int32_t cells[3], uint8_t *marked, uint8_t pass)
+static pliant_status list_create(const pliant_mesh *mesh, cell_list *out)
 {
-    int32_t at[3], cell = 0;
-    for (at[2] = 0; at[2] < cells[2]; at[2]++)
-        for (at[1] = 0; at[1] < cells[1]; at[1]++)
-            for (at[0] = 0; at[0] < cells[0]; at[0]++, cell++) {
-                if (marked[cell] == 0 || marked[cell] > pass) continue;
-                for (int step = 0; step < 27; step++) {
-                    const int32_t i = at[0] + step % 3 - 1, j = at[1] + step / 3 % 3 - 1, k = at[2] + step / 9 - 1;
-                    if (i < 0 || j < 0 || k < 0 || i >= cells[0] || j >= cells[1] || k >= cells[2]) continue;
-                    uint8_t *other = marked + i + cells[0] * (j + cells[1] * k);
-                    if (*other == 0) *other = (uint8_t)(pass + 1);
-                }
-            }
+    *out = (cell_list){.cell = pliant_room(count_cells(mesh), sizeof *out->cell), .marked = pliant_calloc(count_cells(mesh), 1)};
+    memcpy(out->cells, mesh->cells, sizeof out->cells);
+    return out->cell && out->marked ? PLIANT_OK : no_memory();
+}
+
+static void list_free(cell_list *list)
+{
+    pliant_free(list->cell);
+    pliant_free(list->marked);
+}
+
+/* and those beside them */
+static void spread(cell_list *list)
+{
+    const int32_t *cells = list->cells;
+    const int32_t count = list->count;
+    for (int32_t c = 0; c < count; c++) {
+        const int32_t cell = list->cell[c], at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
+        for (int step = 0; step < 27; step++) {
+            const int32_t i = at[0] + step % 3 - 1, j = at[1] + step / 3 % 3 - 1, k = at[2] + step / 9 - 1;
+            if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2]) mark(list, i + cells[0] * (j + cells[1] * k));
+        }
+    }
+}
+
+/* The cubes with a tetrahedron at a place of the lattice. mesh: at load */
+static void mark_around(const pliant_mesh *mesh, int32_t place, cell_list *list)
+{
+    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, at[3] = {place % nx, place / nx % ny, place / nx / ny};
+    for (int side = 0; side < 8; side++) {
+        const int32_t i = at[0] - (side & 1), j = at[1] - (side >> 1 & 1), k = at[2] - (side >> 2);
+        if (i < 0 || j < 0 || k < 0 || i >= mesh->cells[0] || j >= mesh->cells[1] || k >= mesh->cells[2]) continue;
+        const int32_t cell = i + mesh->cells[0] * (j + mesh->cells[1] * k), *tets = mesh->tet_of_lattice + 5 * (size_t)cell;
+        for (int v = 0; v < 20; v++)
+            if (tets[v / 4] >= 0 && mesh->lattice_of_node[mesh->tets[4 * (size_t)tets[v / 4] + (size_t)(v % 4)]] == place) mark(list, cell);
+    }
+}
+
+/* Fine cubes with a place that has several nodes, or with fragments of a tetrahedron: where any were appended since load. */
+static void mark_cut(const grading *work, cell_list *list)
+{
+    const pliant_mesh *fine = work->fine, *load = work->base->fine;
+    for (int32_t n = load->num_nodes; n < fine->num_nodes; n++) mark_around(load, fine->lattice_of_node[n], list);
+    for (int32_t t = load->num_tets; t < fine->num_tets; t++) mark(list, fine->lattice_of_tet[t] / 5);
+}
+
+/* pieces have no unknowns */
+static void refine_pieces(const grading *work)
+{
+    const uint8_t *fixed = work->body->fine_fixed;
+    if (!memchr(fixed, PLIANT_FIXED_WHERE_IT_WAS, (size_t)work->fine->num_nodes)) return;
+    for (int32_t v = 0; v < 4 * work->fine->num_tets; v++)
+        if (fixed[work->fine->tets[v]] == PLIANT_FIXED_WHERE_IT_WAS) work->graded->refined[graded_cell_of(work, v / 4)] = 1;
 }
 
 static pliant_status refine(grading *work)
 {
-    const pliant_mesh *fine = work->fine;
-    const size_t cells = (size_t)count_of_cells(fine);
-    const size_t nodes = ((size_t)fine->cells[0] + 1) * ((size_t)fine->cells[1] + 1) * ((size_t)fine->cells[2] + 1);
-    uint8_t *places = pliant_calloc(nodes, 1), *of_slot = pliant_calloc(5 * cells, 1), *marked = pliant_calloc(cells, 1);
-    const bool good = places && of_slot && marked;
-    if (good) mark_cut(work, places, of_slot, marked);
-    for (uint8_t pass = 1; good && pass < LAYERS; pass++) spread(fine->cells, marked, pass);
-    for (size_t cell = 0; good && cell < cells; cell++)
-        if (marked[cell]) work->graded->refined[coarse_cell(work, (int32_t)cell)] = 1;
-    for (int32_t v = 0; good && v < 4 * fine->num_tets; v++) /* pieces have no unknowns */
-        if (work->body->fine_fixed[fine->tets[v]] == PLIANT_FIXED_WHERE_IT_WAS) work->graded->refined[cell_of_tet(work, v / 4)] = 1;
-    pliant_free(places);
-    pliant_free(of_slot);
-    pliant_free(marked);
-    return good ? PLIANT_OK : no_memory();
+    const int32_t *cells = work->fine->cells, *coarse = work->coarse->cells, *ratio = work->ratio;
+    cell_list list;
+    pliant_status status = list_create(work->fine, &list);
+    if (status == PLIANT_OK) {
+        mark_cut(work, &list);
+        for (int layer = 1; layer < LAYERS; layer++) spread(&list);
+        for (int32_t c = 0; c < list.count; c++) {
+            const int32_t i = list.cell[c] % cells[0], j = list.cell[c] / cells[0] % cells[1], k = list.cell[c] / cells[0] / cells[1];
+            work->graded->refined[i / ratio[0] + coarse[0] * (j / ratio[1] + coarse[1] * (k / ratio[2]))] = 1;
+        }
+        refine_pieces(work);
+    }
+    list_free(&list);
+    return status;
+}
+
+/* Fine tetrahedra in refined cubes, and in those beside them. */
+static pliant_status list_tets(grading *work)
+{
+    enum { REFINED = 1, BESIDE = 2 };
+    const pliant_mesh *fine = work->fine, *coarse = work->coarse;
+    const uint8_t *refined = work->graded->refined;
+    const int32_t *coarse_of_fine = work->body->coarse_of_fine;
+    uint8_t *where = pliant_calloc((size_t)coarse->num_tets, 1);
+    cell_list list;
+    pliant_status status = list_create(coarse, &list);
+    work->tet = pliant_room((size_t)fine->num_tets, sizeof *work->tet);
+    work->beside = pliant_room((size_t)fine->num_tets, sizeof *work->beside);
+    if (!where || !work->tet || !work->beside) status = no_memory();
+    if (status == PLIANT_OK) {
+        for (int32_t cell = 0; cell < (int32_t)count_cells(coarse); cell++)
+            if (refined[cell]) mark(&list, cell);
+        spread(&list);
+        for (int32_t t = 0; t < coarse->num_tets; t++) {
+            const int32_t cell = coarse->lattice_of_tet[t] / 5;
+            where[t] = refined[cell] ? REFINED : list.marked[cell] ? BESIDE : 0;
+        }
+        for (int32_t t = 0; t < fine->num_tets; t++) {
+            const uint8_t here = where[coarse_of_fine[t]];
+            if (here == REFINED) work->tet[work->num_tets++] = t;
+            if (here == BESIDE) work->beside[work->num_beside++] = t;
+        }
+    }
+    list_free(&list);
+    pliant_free(where);
+    return status;
 }
 
 /* ---- who follows */
 
 static void find_followers(grading *work)
 {
-    const pliant_mesh *fine = work->fine;
-    memset(work->within, 0xff, (size_t)fine->num_nodes * sizeof *work->within);
-    for (int32_t v = 0; v < 4 * fine->num_tets; v++) {
-        const int32_t node = fine->tets[v];
-        if (is_refined(work, v / 4)) work->in_refined[node] = 1;
-        else if (work->within[node] < 0) work->within[node] = v / 4;
+    const int32_t *tets = work->fine->tets;
+    pliant_graded *graded = work->graded;
+    memset(graded->within, 0xff, (size_t)work->fine->num_nodes * sizeof *graded->within);
+    for (int32_t i = 0; i < 4 * work->num_tets; i++) graded->in_refined[tets[4 * (size_t)work->tet[i / 4] + (size_t)(i % 4)]] = 1;
+    for (int32_t i = 0; i < 4 * work->num_beside; i++) {
+        const int32_t tet = work->beside[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
+        if (graded->in_refined[node] && graded->within[node] < 0) graded->within[node] = tet;
     }
 }
 
-static bool is_cube(const pliant_macros *macros, int32_t element) { return macros && macros->start[element + 1] - macros->start[element] == CORNERS; }
+/* ---- what is solved */
 
-static void follow_itself(const grading *work, int32_t node, followed *out)
+/* coarse nodes, then fine ones: as before, but for nodes appended since load, which may be copies of others */
+static pliant_status make_rest(grading *work)
 {
-    out->count = 1;
-    out->node[0] = work->graded->coarse_nodes + node;
-    out->weight[0] = 1;
-}
-
-/* what a fine node of a coarse element follows, or itself: a fixed one follows what is fixed alone */
-static void follow(const grading *work, int32_t node, followed *out)
-{
-    follow_itself(work, node, out);
-    if (work->within[node] < 0) return;
-    const int32_t tet = work->body->coarse_of_fine[work->within[node]], element = work->element_of_tet[tet];
-    const bool cube = is_cube(work->base->macros, element);
-    const int32_t *corners = cube ? work->base->macros->node + work->base->macros->start[element] : work->coarse->tets + 4 * (size_t)tet;
-    double weights[CORNERS];
-    const double *rest = work->fine->rest + 3 * (size_t)node;
-    if (cube) pliant_trilinear_weights(work->base, work->base->macros->cell[element], rest, weights);
-    else pliant_mesh_barycentric(work->coarse, tet, rest, weights);
-    out->count = 0;
-    for (int v = 0; v < (cube ? CORNERS : 4); v++) {
-        if (fabs(weights[v]) < 1e-9) continue;
-        if (work->body->fine_fixed[node] && work->base->free_of_node[corners[v]] >= 0) {
-            follow_itself(work, node, out);
-            return;
-        }
-        out->node[out->count] = corners[v];
-        out->weight[out->count++] = weights[v];
-    }
-}
-
-/* ---- elements */
-
-static void count_corner(grading *work, int32_t node)
-{
-    const int32_t coarse_nodes = work->graded->coarse_nodes;
-    const bool held = node < coarse_nodes ? work->base->free_of_node[node] < 0 : work->body->fine_fixed[node - coarse_nodes] != PLIANT_MOVES;
-    if (node < coarse_nodes) work->graded->used[node] = 1;
-    if (!held) work->free[node] = 1;
-}
-
-static pliant_status add_base_tet(grading *work, int32_t tet, int32_t e)
-{
-    const pliant_system *base = work->base;
-    pliant_macros *macros = work->system->macros;
-    double k[144], gradients[12];
-    for (int m = 0; m < 12; m++) gradients[m] = base->gradients[tet / LANES][m][tet % LANES];
-    for (int v = 0; v < CORNERS; v++) macros->own[CORNERS * (size_t)e + (size_t)v] = v < 4 ? work->coarse->tets[4 * (size_t)tet + (size_t)v] : -1;
-    memcpy(macros->gradient + 24 * (size_t)e, gradients, sizeof gradients);
-    memcpy(macros->node + macros->start[e], work->coarse->tets + 4 * (size_t)tet, 4 * sizeof *macros->node);
-    macros->start[e + 1] = macros->start[e] + 4;
-    macros->cell[e] = work->coarse->lattice_of_tet[tet] / 5;
-    macros->grounded[e] = base->grounded && base->grounded[tet];
-    memset(macros->held + macros->start[e], macros->grounded[e], 4);
-    if (base->stiffness) memcpy(k, base->stiffness + 144 * (size_t)tet, sizeof k);
-    else pliant_element_stiffness(gradients, base->lame[tet / LANES][0][tet % LANES], base->lame[tet / LANES][1][tet % LANES], k);
-    return pliant_macros_keep(macros, e, 12, k);
-}
-
-static pliant_status add_base_macro(grading *work, int32_t from, int32_t e)
-{
-    const pliant_macros *was = work->base->macros;
-    pliant_macros *macros = work->system->macros;
-    const int32_t begin = was->start[from], corners = was->start[from + 1] - begin;
-    memcpy(macros->own + CORNERS * (size_t)e, was->own + CORNERS * (size_t)from, CORNERS * sizeof *was->own);
-    memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * sizeof *was->gradient);
-    memcpy(macros->node + macros->start[e], was->node + begin, (size_t)corners * sizeof *was->node);
-    memcpy(macros->held + macros->start[e], was->held + begin, (size_t)corners);
-    macros->start[e + 1] = macros->start[e] + corners;
-    macros->cell[e] = was->cell[from];
-    macros->grounded[e] = was->grounded[from];
-    macros->shear[e] = was->shear[from];
-    return pliant_macros_copy_root(was, from, macros, e);
-}
-
-static pliant_status add_base(grading *work)
-{
-    const pliant_macros *was = work->base->macros;
-    pliant_macros *macros = work->system->macros;
-    const int32_t count = was ? was->count : work->coarse->num_tets;
-    pliant_status status = PLIANT_OK;
-    for (int32_t from = 0; status == PLIANT_OK && from < count; from++) {
-        work->now[from] = -1;
-        if (work->graded->refined[was ? was->cell[from] : work->coarse->lattice_of_tet[from] / 5]) continue;
-        work->now[from] = macros->count;
-        status = was ? add_base_macro(work, from, macros->count) : add_base_tet(work, from, macros->count);
-        macros->count++;
-    }
-    for (int32_t t = 0; !was && t < work->fine->num_tets; t++) { /* what a coarse tetrahedron weighs in the axes of its nodes */
-        const int32_t e = work->now[work->body->coarse_of_fine[t]], slot = work->fine->lattice_of_tet[t] % 5;
-        const double *size = work->fine->cell_size;
-        if (e >= 0) macros->shear[e] += size[0] * size[1] * size[2] / (slot == 0 ? 3 : 6) * work->body->fine_material[t].mu;
-    }
-    return status;
-}
-
-/* Beside fixed nodes inside a coarse element, and nodes that were moved onto bone, there are more than eight: then it keeps R = I, as that element does,
- * and what is fixed at rest adds nothing. Returns how many are left. */
-static int drop_fixed(const grading *work, int n, int count, int32_t *list, double c[][CORNERS * CORNERS])
-{
-    int kept = 0;
-    for (int m = 0; m < count; m++) {
-        const int32_t fine = list[m] - work->graded->coarse_nodes;
-        if (fine >= 0 && work->body->fine_fixed[fine] == PLIANT_FIXED_AT_REST) continue;
-        list[kept] = list[m];
-        for (int v = 0; v < n; v++) c[v][kept] = c[v][m];
-        kept++;
-    }
-    return kept;
-}
-
-/* The nodes that an element's corners are or follow, in the place of its corners: gradient and root are those of the element yet. */
-static pliant_status lead(const grading *work, const int32_t *node, int n, int32_t e)
-{
-    pliant_macros *macros = work->system->macros;
-    double c[CORNERS][CORNERS * CORNERS] = {{0}}, gradient[3 * CORNERS] = {0};
-    int32_t list[CORNERS * CORNERS];
-    int count = 0;
-    for (int v = 0; v < n; v++) {
-        followed of;
-        follow(work, node[v], &of);
-        for (int i = 0; i < of.count; i++) {
-            int at = 0;
-            while (at < count && list[at] != of.node[i]) at++;
-            if (at == count) list[count++] = of.node[i];
-            c[v][at] += of.weight[i];
-        }
-    }
-    macros->grounded[e] = count > CORNERS;
-    if (count > CORNERS) count = drop_fixed(work, n, count, list, c);
-    const int32_t rank = macros->rank[e], begin = macros->start[e];
-    float *root = rank > 0 ? pliant_calloc((size_t)rank * 3 * (size_t)count, sizeof *root) : NULL;
-    if (rank > 0 && !root) return no_memory();
-    for (int32_t r = 0; r < rank; r++)
-        for (int v = 0; v < n; v++)
-            for (int m = 0; m < count; m++)
-                for (int d = 0; d < 3; d++) root[3 * count * r + 3 * m + d] += (float)(c[v][m] * macros->root[e][3 * n * r + 3 * v + d]);
-    pliant_free(macros->root[e]);
-    macros->root[e] = root;
-    for (int m = 0; m < count && m < CORNERS; m++)
-        for (int v = 0; v < n; v++)
-            for (int d = 0; d < 3; d++) gradient[3 * m + d] += c[v][m] * macros->gradient[24 * (size_t)e + (size_t)(3 * v + d)];
-    memcpy(macros->gradient + 24 * (size_t)e, gradient, sizeof gradient);
-    for (int m = 0; m < CORNERS; m++) macros->own[CORNERS * (size_t)e + (size_t)m] = m < count ? list[m] : -1;
-    memcpy(macros->node + begin, list, (size_t)count * sizeof *list);
-    memset(macros->held + begin, macros->grounded[e], (size_t)count);
-    macros->start[e + 1] = begin + count;
+    const pliant_mesh *coarse = work->coarse, *fine = work->fine;
+    pliant_mesh *mesh = &work->graded->mesh;
+    const size_t first = (size_t)coarse->num_nodes, nodes = (size_t)mesh->num_nodes;
+    const size_t before = work->before ? (size_t)work->before->mesh->num_nodes : first, same = before < nodes ? before : nodes;
+    const size_t load = work->before ? (size_t)work->base->fine->num_nodes : 0, number = (size_t)fine->num_nodes - load;
+    mesh->rest = pliant_next_of(work->before ? work->before->mesh->rest : coarse->rest, 3 * same, 3 * nodes, sizeof *mesh->rest);
+    if (!mesh->rest) return no_memory();
+    if (number > 0) memcpy(mesh->rest + 3 * (first + load), fine->rest + 3 * load, 3 * number * sizeof *mesh->rest);
+    pliant_writes(mesh->rest, 3 * (first + load), 3 * number, sizeof *mesh->rest);
     return PLIANT_OK;
 }
-
-/* an element all of whose nodes are fixed says nothing */
-static bool is_fixed(const grading *work, const int32_t *node, int n)
-{
-    for (int v = 0; v < n; v++)
-        if (!work->body->fine_fixed[node[v]]) return false;
-    return true;
-}
-
-static const pliant_cube_shape *shape_of(grading *work, const pliant_cube *cube)
-{
-    const int parity = pliant_cell_parity(work->fine, work->fine->lattice_of_tet[cube->tet[0]] / 5);
-    if (!work->known[parity] || work->fine->num_moved > 0) pliant_cube_integrate(work->fine, cube, parity, work->shape + parity);
-    work->known[parity] = true;
-    return work->shape + parity;
-}
-
-static pliant_status add_fine(grading *work)
-{
-    const pliant_mesh *fine = work->fine;
-    pliant_macros *macros = work->system->macros;
-    pliant_status status = PLIANT_OK;
-    uint8_t *done = pliant_calloc((size_t)fine->num_tets, 1);
-    if (!done) return no_memory();
-    for (int32_t i = 0; status == PLIANT_OK && i < work->num_cubes; i++) {
-        const pliant_cube *cube = work->cubes + i;
-        if (!is_refined(work, cube->tet[0])) continue;
-        for (int slot = 0; slot < 5; slot++) done[cube->tet[slot]] = 1;
-        if (is_fixed(work, cube->node, CORNERS)) continue;
-        macros->cell[macros->count] = cell_of_tet(work, cube->tet[0]);
-        status = pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(work, cube), macros, macros->count);
-        if (status == PLIANT_OK) status = lead(work, cube->node, CORNERS, macros->count);
-        macros->count++;
-    }
-    for (int32_t t = 0; status == PLIANT_OK && t < fine->num_tets; t++) {
-        if (done[t] || !is_refined(work, t) || is_fixed(work, fine->tets + 4 * (size_t)t, 4)) continue;
-        macros->cell[macros->count] = cell_of_tet(work, t);
-        status = pliant_macros_add_tet(fine, work->body->fine_material, t, macros, macros->count);
-        if (status == PLIANT_OK) status = lead(work, fine->tets + 4 * (size_t)t, 4, macros->count);
-        macros->count++;
-    }
-    pliant_free(done);
-    return status;
-}
-
-/* Where fine nodes follow the shape functions of elements, one that moves by itself has an element of its own, without stiffness. */
-static void add_points(grading *work)
-{
-    pliant_macros *macros = work->system->macros;
-    memset(work->point, 0xff, (size_t)work->fine->num_nodes * sizeof *work->point);
-    for (int32_t v = 0; v < 4 * work->fine->num_tets; v++) {
-        const int32_t fine = work->fine->tets[v], node = work->graded->coarse_nodes + fine, e = macros->count, begin = macros->start[e];
-        if (!work->free[node] || work->point[fine] >= 0) continue;
-        work->point[fine] = e;
-        macros->node[begin] = node;
-        macros->held[begin] = macros->grounded[e] = 1;
-        for (int m = 0; m < CORNERS; m++) macros->own[CORNERS * (size_t)e + (size_t)m] = m == 0 ? node : -1;
-        macros->cell[e] = cell_of_tet(work, v / 4);
-        macros->start[e + 1] = begin + 1;
-        macros->count++;
-    }
-}
-
-static pliant_status make_elements(grading *work)
-{
-    pliant_system *system = work->system;
-    const pliant_macros *was = work->base->macros;
-    size_t count = was ? (size_t)was->count : (size_t)work->coarse->num_tets, corners = was ? (size_t)was->start[was->count] : 4 * count;
-    for (int32_t t = 0; t < work->fine->num_tets; t++) {
-        if (!is_refined(work, t)) continue;
-        count += 5; /* with its nodes */
-        corners += CORNERS * CORNERS + 4;
-    }
-    if (!(system->macros = pliant_calloc(1, sizeof *system->macros))) return no_memory();
-    pliant_status status = pliant_macros_allocate(system->macros, count, corners);
-    system->macros->count = 0;
-    if (status == PLIANT_OK) status = add_base(work);
-    if (status == PLIANT_OK) status = add_fine(work);
-    if (status != PLIANT_OK) return status;
-    const pliant_macros *macros = system->macros;
-    for (int32_t c = 0; c < macros->start[macros->count]; c++) count_corner(work, macros->node[c]);
-    if (work->point) add_points(work);
-    system->num_blocks = pliant_macros_blocks((size_t)macros->count, (size_t)macros->start[macros->count]);
-    return PLIANT_OK;
-}
-
-/* ---- what is solved, and how fine nodes follow */
 
 static pliant_status make_mesh(grading *work)
 {
@@ -369,88 +249,11 @@ static pliant_status make_mesh(grading *work)
     memcpy(mesh->corner, coarse->corner, sizeof mesh->corner);
     memcpy(mesh->direction, coarse->direction, sizeof mesh->direction);
     mesh->num_nodes = coarse->num_nodes + fine->num_nodes;
-    mesh->rest = pliant_calloc((size_t)mesh->num_nodes, 3 * sizeof *mesh->rest);
     graded->used = pliant_calloc((size_t)coarse->num_nodes, 1);
-    graded->refined = pliant_calloc((size_t)count_of_cells(coarse), 1);
-    if (!mesh->rest || !graded->used || !graded->refined) return no_memory();
-    memcpy(mesh->rest, coarse->rest, 3 * (size_t)coarse->num_nodes * sizeof *mesh->rest);
-    memcpy(mesh->rest + 3 * (size_t)coarse->num_nodes, fine->rest, 3 * (size_t)fine->num_nodes * sizeof *mesh->rest);
-    return PLIANT_OK;
-}
-
-/* its number in the body that the base is of */
-static size_t node_of_base(const grading *work, size_t node)
-{
-    return node < (size_t)work->base->fine->num_nodes ? node : (size_t)work->body->node_parent[node];
-}
-
-static pliant_status follow_linearly(grading *work, pliant_upsample *upsample)
-{
-    const pliant_upsample *was = work->base->upsample;
-    const size_t corners = (size_t)was->corners, nodes = (size_t)work->fine->num_nodes;
-    upsample->node = pliant_calloc(nodes, corners * sizeof *upsample->node);
-    upsample->weights = pliant_calloc(nodes, corners * sizeof *upsample->weights);
-    if (!upsample->node || !upsample->weights) return no_memory();
-    for (size_t n = 0; n < nodes; n++) {
-        const size_t load = node_of_base(work, n);
-        if (!work->in_refined[n]) {
-            memcpy(upsample->node + corners * n, was->node + corners * load, corners * sizeof *was->node);
-            memcpy(upsample->weights + corners * n, was->weights + corners * load, corners * sizeof *was->weights);
-            continue;
-        }
-        followed of;
-        follow(work, (int32_t)n, &of);
-        for (size_t v = 0; v < corners; v++) {
-            upsample->node[corners * n + v] = of.node[v < (size_t)of.count ? v : 0];
-            upsample->weights[corners * n + v] = v < (size_t)of.count ? of.weight[v] : 0;
-        }
-    }
-    return PLIANT_OK;
-}
-
-/* By the shape functions of the coarse elements that are left, and of points. */
-static pliant_status follow_shapes(grading *work, pliant_upsample *upsample)
-{
-    const pliant_upsample *was = work->base->upsample;
-    const size_t each = 9 * (size_t)was->corners;
-    const int32_t nodes = work->fine->num_nodes;
-    size_t most = (size_t)nodes;
-    for (int32_t n = 0; n < nodes; n++) most += (size_t)(was->start[node_of_base(work, (size_t)n) + 1] - was->start[node_of_base(work, (size_t)n)]);
-    upsample->start = pliant_calloc((size_t)nodes + 1, sizeof *upsample->start);
-    upsample->entry_element = pliant_calloc(most, sizeof *upsample->entry_element);
-    upsample->entry_share = pliant_calloc(most, sizeof *upsample->entry_share);
-    upsample->entry_shape = pliant_calloc(most, each * sizeof *upsample->entry_shape);
-    if (!upsample->start || !upsample->entry_element || !upsample->entry_share || !upsample->entry_shape) return no_memory();
-    for (int32_t n = 0; n < nodes; n++) {
-        const size_t load = node_of_base(work, (size_t)n);
-        const int32_t begin = upsample->start[n];
-        int32_t at = begin;
-        double sum = 0;
-        for (int32_t e = was->start[load]; work->point[n] < 0 && e < was->start[load + 1]; e++) {
-            if (work->now[was->entry_element[e]] < 0) continue;
-            upsample->entry_element[at] = work->now[was->entry_element[e]];
-            sum += upsample->entry_share[at] = was->entry_share[e];
-            memcpy(upsample->entry_shape + each * (size_t)at++, was->entry_shape + each * (size_t)e, each * sizeof(double));
-        }
-        for (int32_t e = begin; e < at; e++) upsample->entry_share[e] /= sum;
-        if (work->point[n] >= 0) {
-            upsample->entry_element[at] = work->point[n];
-            upsample->entry_share[at] = 1;
-            for (size_t m = 0; m < 9; m += 4) upsample->entry_shape[each * (size_t)at + m] = 1;
-            at++;
-        }
-        upsample->start[n + 1] = at;
-    }
-    return PLIANT_OK;
-}
-
-static pliant_status make_upsample(grading *work)
-{
-    pliant_upsample *upsample = work->system->upsample = pliant_calloc(1, sizeof *upsample);
-    if (!upsample) return no_memory();
-    upsample->corners = work->base->upsample->corners;
-    upsample->still = work->body->fine_fixed;
-    return work->point ? follow_shapes(work, upsample) : follow_linearly(work, upsample);
+    graded->refined = pliant_calloc(count_cells(coarse), 1);
+    graded->within = pliant_room((size_t)fine->num_nodes, sizeof *graded->within);
+    graded->in_refined = pliant_calloc((size_t)fine->num_nodes, 1);
+    return graded->used && graded->refined && graded->within && graded->in_refined ? make_rest(work) : no_memory();
 }
 
 static pliant_status find_fixed(const grading *work, uint8_t **fixed)
@@ -465,40 +268,38 @@ static pliant_status find_fixed(const grading *work, uint8_t **fixed)
     return PLIANT_OK;
 }
 
-static pliant_status begin(grading *work, bool hexahedra)
+static pliant_status begin(grading *work)
 {
-    const size_t nodes = (size_t)work->fine->num_nodes, tets = (size_t)work->coarse->num_tets;
-    const pliant_macros *was = work->base->macros;
+    const size_t nodes = (size_t)work->fine->num_nodes;
     for (int d = 0; d < 3; d++) work->ratio[d] = work->fine->cells[d] / work->coarse->cells[d];
-    work->now = pliant_calloc(was ? (size_t)was->count : tets, sizeof *work->now);
-    work->within = pliant_calloc(nodes, sizeof *work->within);
-    work->in_refined = pliant_calloc(nodes, 1);
-    work->shape = pliant_calloc(2, sizeof *work->shape);
-    work->free = pliant_calloc(nodes + (size_t)work->coarse->num_nodes, 1);
-    if (!work->now || !work->within || !work->in_refined || !work->shape || !work->free) return no_memory();
-    if (work->base->upsample->start && !(work->point = pliant_calloc(nodes, sizeof *work->point))) return no_memory();
-    pliant_status status = PLIANT_OK;
-    if (was) status = pliant_hexahedra_of_tets(work->coarse, was, &work->element_of_tet);
-    else if (!(work->element_of_tet = pliant_calloc(tets, sizeof *work->element_of_tet))) status = no_memory();
-    for (size_t t = 0; status == PLIANT_OK && !was && t < tets; t++) work->element_of_tet[t] = (int32_t)t;
-    if (status == PLIANT_OK && hexahedra) status = pliant_cubes_find(work->fine, false, &work->cubes, &work->num_cubes);
-    return status;
+    pliant_status status = find_base(work);
+    if (status != PLIANT_OK) return status;
+    work->now = pliant_calloc((size_t)work->elements->count, sizeof *work->now);
+    work->free = pliant_calloc((size_t)work->graded->mesh.num_nodes, 1);
+    if (!work->now || !work->free) return no_memory();
+    return !work->base->upsample->start || (work->point = pliant_calloc(nodes, sizeof *work->point)) ? PLIANT_OK : no_memory();
 }
 
-pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, bool hexahedra, uint8_t **fixed)
+pliant_status pliant_system_graded(pliant_system *system, const pliant_system *base, const pliant_body *body, const pliant_kept *kept, bool hexahedra,
+                                   uint8_t **fixed)
 {
-    grading work = {.system = system, .base = base, .body = body, .fine = &body->fine, .coarse = &body->coarse};
-    pliant_status status = begin(&work, hexahedra);
-    if (status == PLIANT_OK) status = make_mesh(&work);
+    grading work = {.system = system, .base = base, .body = body, .fine = &body->fine, .coarse = &body->coarse, .hexahedra = hexahedra};
+    if (kept && kept->before->system->graded) {
+        work.kept = kept;
+        work.before = kept->before->system;
+    }
+    pliant_status status = make_mesh(&work);
+    if (status == PLIANT_OK) status = begin(&work);
     if (status == PLIANT_OK) status = refine(&work);
+    if (status == PLIANT_OK) status = list_tets(&work);
     if (status == PLIANT_OK) {
         system->mesh = &work.graded->mesh;
         find_followers(&work);
-        status = make_elements(&work);
+        status = pliant_graded_elements(&work);
     }
-    if (status == PLIANT_OK) status = make_upsample(&work);
+    if (status == PLIANT_OK) status = pliant_graded_upsample(&work);
     if (status == PLIANT_OK) status = find_fixed(&work, fixed);
-    void *blocks[] = {work.element_of_tet, work.now, work.within, work.in_refined, work.cubes, work.shape, work.free, work.point};
+    void *blocks[] = {work.tet, work.beside, work.now, work.free, work.point};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -261,13 +261,22 @@ static void free_upsample(pliant_upsample *upsample)
     pliant_free(upsample);
 }
 
+static void release_base(pliant_graded_base *base)
+{
+    if (!base || __atomic_sub_fetch(&base->holders, 1, __ATOMIC_ACQ_REL) > 0) return;
+    pliant_macros_free(base->made);
+    pliant_free(base->trace);
+    pliant_free(base->element_of_tet);
+    pliant_free(base);
+}
+
 static void free_graded(pliant_graded *graded)
 {
     if (!graded) return;
+    release_base(graded->base);
     pliant_mesh_free(&graded->mesh);
-    pliant_free(graded->used);
-    pliant_free(graded->refined);
-    pliant_free(graded);
+    void *blocks[] = {graded->used, graded->refined, graded->tet, graded->within, graded->in_refined, graded};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
 void pliant_system_clear(pliant_system *system)
@@ -288,6 +297,7 @@ void pliant_system_clear(pliant_system *system)
     pliant_free(system->pattern.term_start);
     pliant_free(system->pattern.term);
     pliant_free(system->gravity_mass);
+    pliant_free(system->fine_mass);
     pliant_macros_free(system->macros);
     free_upsample(system->upsample);
     free_graded(system->graded);

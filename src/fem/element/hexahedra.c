@@ -49,11 +49,11 @@ static size_t count_cells(const pliant_mesh *mesh)
 
 /* ---- which cubes are whole */
 
-/* (cells) tetrahedra of each: 1 + the first one, by a list through `next`; and how many */
-static void list_tets(const pliant_mesh *mesh, int32_t *first, int32_t *next, int32_t *count)
+/* (cells) tetrahedra of each: 1 + the first one, by a list through `next`; and how many. among: as for find_cubes */
+static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tets, int32_t *first, int32_t *next, int32_t *count)
 {
-    for (int32_t t = mesh->num_tets - 1; t >= 0; t--) {
-        int32_t cell = mesh->lattice_of_tet[t] / 5;
+    for (int32_t i = tets - 1; i >= 0; i--) {
+        const int32_t t = among ? among[i] : i, cell = mesh->lattice_of_tet[t] / 5;
         next[t] = first[cell] - 1;
         first[cell] = t + 1;
         count[cell]++;
@@ -106,25 +106,36 @@ bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_
     return true;
 }
 
-pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count)
+/* among: Nullable: (count) the tetrahedra to look at, ascending; NULL: the first ones */
+static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, int32_t tets, bool boxes, pliant_cube **out, int32_t *count)
 {
     const size_t cells = (size_t)mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
-    int32_t *first = pliant_calloc(cells, sizeof *first), *tets = pliant_calloc(cells, sizeof *tets);
-    int32_t *next = pliant_calloc((size_t)mesh->num_tets, sizeof *next);
+    int32_t *first = pliant_calloc(cells, sizeof *first), *number = pliant_calloc(cells, sizeof *number);
+    int32_t *next = pliant_room((size_t)mesh->num_tets, sizeof *next);
     *count = 0;
-    *out = pliant_calloc((size_t)mesh->num_tets / 5 + 1, sizeof **out);
-    pliant_status status = first && tets && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
-    if (status == PLIANT_OK) list_tets(mesh, first, next, tets);
+    *out = pliant_calloc((size_t)tets / 5 + 1, sizeof **out);
+    pliant_status status = first && number && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+    if (status == PLIANT_OK) list_tets(mesh, among, tets, first, next, number);
     for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++)
-        if (tets[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || pliant_cube_is_box(mesh, *out + *count, 1))) ++*count;
+        if (number[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || pliant_cube_is_box(mesh, *out + *count, 1))) ++*count;
     pliant_free(first);
-    pliant_free(tets);
+    pliant_free(number);
     pliant_free(next);
     if (status != PLIANT_OK) {
         pliant_free(*out);
         *out = NULL;
     }
     return status;
+}
+
+pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count)
+{
+    return find_cubes(mesh, NULL, mesh->num_tets, boxes, out, count);
+}
+
+pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count)
+{
+    return find_cubes(mesh, tet, tets, false, out, count);
 }
 
 /* ---- stiffness */
@@ -333,36 +344,6 @@ static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
 }
 
-pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass)
-{
-    pliant_cube_shape *shape = pliant_calloc(2, sizeof *shape);
-    pliant_cube *cubes = NULL;
-    uint8_t *inside = pliant_calloc((size_t)mesh->num_tets, 1);
-    bool known[2] = {false, false};
-    int32_t count = 0;
-    pliant_status status = shape && inside ? pliant_cubes_find(mesh, false, &cubes, &count) : pliant_fail_memory("the masses");
-    if (status == PLIANT_OK) memset(mass, 0, (size_t)mesh->num_nodes * sizeof *mass);
-    for (int32_t c = 0; c < count; c++) {
-        const int parity = pliant_cell_parity(mesh, mesh->lattice_of_tet[cubes[c].tet[0]] / 5);
-        if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, cubes + c, parity, shape + parity);
-        known[parity] = true;
-        for (int slot = 0; slot < 5; slot++) {
-            inside[cubes[c].tet[slot]] = 1;
-            for (int v = 0; v < CORNERS; v++) mass[cubes[c].node[v]] += shape[parity].load[slot][v] * material[cubes[c].tet[slot]].density;
-        }
-    }
-    for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
-        double gradients[12];
-        if (inside[t]) continue;
-        double fourth = 0.25 * pliant_mesh_gradients(mesh, t, gradients) * material[t].density;
-        for (int v = 0; v < 4; v++) mass[mesh->tets[4 * t + v]] += fourth;
-    }
-    pliant_free(shape);
-    pliant_free(cubes);
-    pliant_free(inside);
-    return status;
-}
-
 /* ---- as macro-elements */
 
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness)
@@ -501,7 +482,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     uint8_t *whole = pliant_calloc((size_t)cells, 1);
     pliant_status status = first && count && next && whole ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     size_t elements = 0, corners = 0;
-    if (status == PLIANT_OK) list_tets(mesh, first, next, count);
+    if (status == PLIANT_OK) list_tets(mesh, NULL, mesh->num_tets, first, next, count);
     for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
         pliant_cube cube;
         whole[cell] = count[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, &cube);

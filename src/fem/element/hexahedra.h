@@ -27,6 +27,8 @@ typedef struct pliant_cube_shape {
 
 /* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends. Errors: MEMORY. */
 pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count);
+/* Likewise among these tetrahedra, ascending, which are all of their cubes'. Errors: MEMORY. */
+pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count);
 /* Leaves of an octree with five tetrahedra that meet at eight nodes, so none in the middle of an edge or face, and that no moved node bends; size: (*count)
  * edge in smallest cells. Errors: MEMORY. */
 pliant_status pliant_octree_cubes_find(const pliant_mesh *mesh, pliant_cube **out, int32_t **size, int32_t *count);
@@ -48,9 +50,14 @@ int32_t pliant_macros_blocks(size_t count, size_t corners);
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness);
 /* That of an element of other ones, with as many corners. Errors: MEMORY. */
 pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element);
+/* ---- hexahedra_masses.c */
 /* Consistent masses: of whole cubes what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
  * Errors: MEMORY. */
 pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass);
+/* The same bits, from those before of so many nodes where nothing has changed. kept: (num_tets) tetrahedra that are the same; *mass: out, whatever is
+ * returned, Nullable. Errors: MEMORY. */
+pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material, const double *before, int32_t nodes_before,
+                                           const uint8_t *kept, double **mass);
 /* The cube of a lattice that a tetrahedron is in, or a fragment of; of an octree its leaf. */
 int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
 /* A hexahedron: all of it but corners and cell. Errors: MEMORY. */

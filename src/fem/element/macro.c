@@ -283,18 +283,17 @@ double pliant_macro_operations(const pliant_system *system)
     return sum;
 }
 
-/* what a cube adds to the trace: where it has a node twice, with what is between the two */
-static double trace_of(const pliant_system *system, int32_t cube)
+/* where a cube has a node twice, with what is between the two */
+double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element)
 {
-    const pliant_macros *macros = system->macros;
-    const int32_t begin = macros->start[cube], end = macros->start[cube + 1], n = 3 * (end - begin);
+    const int32_t begin = macros->start[element], end = macros->start[element + 1], n = 3 * (end - begin);
     double sum = 0;
     for (int32_t a = begin; a < end; a++) {
-        if (system->free_of_node[macros->node[a]] < 0) continue;
+        if (free_of_node[macros->node[a]] < 0) continue;
         for (int32_t b = begin; b < end; b++) {
             if (macros->node[b] != macros->node[a]) continue;
-            const float *at = macros->root[cube] + 3 * (a - begin), *other = macros->root[cube] + 3 * (b - begin);
-            for (int32_t m = 0; m < macros->rank[cube]; m++)
+            const float *at = macros->root[element] + 3 * (a - begin), *other = macros->root[element] + 3 * (b - begin);
+            for (int32_t m = 0; m < macros->rank[element]; m++)
                 for (int32_t d = n * m; d < n * m + 3; d++) sum += (double)at[d] * other[d];
         }
     }
@@ -303,9 +302,13 @@ static double trace_of(const pliant_system *system, int32_t cube)
 
 double pliant_macro_mean_diagonal(const pliant_system *system)
 {
-    double sum = 0;
-    for (int32_t cube = 0; cube < system->macros->count; cube++)
-        if (system->macros->rank[cube] > 0) sum += trace_of(system, cube);
+    const pliant_macros *macros = system->macros;
+    double sum = 0, *trace = system->trace;
+    for (int32_t e = 0; e < macros->count; e++) {
+        if (macros->rank[e] == 0) continue;
+        if (trace && trace[e] < 0) trace[e] = pliant_macro_trace(macros, system->free_of_node, e);
+        sum += trace ? trace[e] : pliant_macro_trace(macros, system->free_of_node, e);
+    }
     return sum / (3.0 * system->num_free);
 }
 
@@ -363,7 +366,7 @@ void pliant_macros_free(pliant_macros *macros)
 {
     if (!macros) return;
     for (int32_t cube = 0; cube < macros->count; cube++) {
-        if (macros->root) pliant_free(macros->root[cube]);
+        if (macros->root && cube >= macros->num_lent) pliant_free(macros->root[cube]);
         if (macros->entry_start) pliant_free(macros->entry_start[cube]);
         if (macros->entry_corner) pliant_free(macros->entry_corner[cube]);
         if (macros->entry_shape) pliant_free(macros->entry_shape[cube]);

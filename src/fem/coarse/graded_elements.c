@@ -1,0 +1,278 @@
+/* The elements of a graded system (graded.c): those of the coarse mesh that are left, then of the fine mesh hexahedra, then tetrahedra. What the system
+ * of the body before had is copied. */
+#include "base/fail.h"
+#include "fem/coarse/graded.h"
+#include "fem/element/hexahedra.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+enum { CORNERS = GRADED_CORNERS };
+
+/* of fine elements of the system before, and what hexahedra have in common */
+typedef struct fine_elements {
+    grading *work;
+    int32_t *was;              /* (fine tetrahedra) 1 + the element that each was, or was the first of; 0: none that stays */
+    pliant_cube_shape *shape;  /* (2) by parity */
+    bool known[2];
+    uint8_t *done;             /* (fine tetrahedra) in a hexahedron */
+} fine_elements;
+
+static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
+
+/* ---- of the coarse mesh */
+
+/* coarse elements [from, to) */
+static void add_base(grading *work, int32_t from, int32_t to)
+{
+    const pliant_macros *was = work->elements;
+    pliant_macros *macros = work->system->macros;
+    const size_t e = (size_t)macros->count, first = (size_t)from, count = (size_t)(to - from);
+    const int32_t begin = macros->start[e], shift = begin - was->start[from];
+    const size_t corners = (size_t)(was->start[to] - was->start[from]);
+    memcpy(macros->own + CORNERS * e, was->own + CORNERS * first, CORNERS * count * sizeof *was->own);
+    memcpy(macros->gradient + 24 * e, was->gradient + 24 * first, 24 * count * sizeof *was->gradient);
+    memcpy(macros->node + begin, was->node + was->start[from], corners * sizeof *was->node);
+    memcpy(macros->held + begin, was->held + was->start[from], corners);
+    memcpy(macros->cell + e, was->cell + first, count * sizeof *was->cell);
+    memcpy(macros->grounded + e, was->grounded + first, count);
+    memcpy(macros->shear + e, was->shear + first, count * sizeof *was->shear);
+    memcpy(macros->rank + e, was->rank + first, count * sizeof *was->rank);
+    memcpy(macros->root + e, was->root + first, count * sizeof *was->root);
+    memcpy(work->system->trace + e, work->graded->base->trace + first, count * sizeof *work->system->trace);
+    for (size_t i = 0; i < count; i++) {
+        macros->start[e + i + 1] = was->start[first + i + 1] + shift;
+        work->now[first + i] = (int32_t)(e + i);
+    }
+    macros->count += (int32_t)count;
+}
+
+static void add_all_base(grading *work)
+{
+    const int32_t count = work->elements->count, *cell = work->elements->cell;
+    const uint8_t *refined = work->graded->refined;
+    for (int32_t from = 0; from < count;) {
+        int32_t to = from;
+        while (to < count && !refined[cell[to]]) to++;
+        add_base(work, from, to);
+        for (from = to; from < count && refined[cell[from]]; from++) work->now[from] = -1;
+    }
+    work->graded->num_base = work->system->macros->num_lent = work->system->macros->count;
+}
+
+/* ---- of the fine mesh */
+
+static bool is_held(const grading *work, int32_t node)
+{
+    const int32_t coarse_nodes = work->graded->coarse_nodes;
+    return node < coarse_nodes ? work->base->free_of_node[node] < 0 : work->body->fine_fixed[node - coarse_nodes] != PLIANT_MOVES;
+}
+
+/* Beside fixed nodes inside a coarse element, and nodes that were moved onto bone, there are more than eight: then it keeps R = I, as that element does,
+ * and what is fixed at rest adds nothing. Returns how many are left. */
+static int drop_fixed(const grading *work, int n, int count, int32_t *list, double c[][CORNERS * CORNERS])
+{
+    int kept = 0;
+    for (int m = 0; m < count; m++) {
+        const int32_t fine = list[m] - work->graded->coarse_nodes;
+        if (fine >= 0 && work->body->fine_fixed[fine] == PLIANT_FIXED_AT_REST) continue;
+        list[kept] = list[m];
+        for (int v = 0; v < n; v++) c[v][kept] = c[v][m];
+        kept++;
+    }
+    return kept;
+}
+
+/* The nodes that an element's corners are or follow, in the place of its corners: gradient and root are those of the element yet. */
+static pliant_status lead(const grading *work, const int32_t *node, int n, int32_t e)
+{
+    pliant_macros *macros = work->system->macros;
+    double c[CORNERS][CORNERS * CORNERS] = {{0}}, gradient[3 * CORNERS] = {0};
+    int32_t list[CORNERS * CORNERS];
+    int count = 0;
+    for (int v = 0; v < n; v++) {
+        followed of;
+        pliant_graded_follow(work, node[v], &of);
+        for (int i = 0; i < of.count; i++) {
+            int at = 0;
+            while (at < count && list[at] != of.node[i]) at++;
+            if (at == count) list[count++] = of.node[i];
+            c[v][at] += of.weight[i];
+        }
+    }
+    macros->grounded[e] = count > CORNERS;
+    if (count > CORNERS) count = drop_fixed(work, n, count, list, c);
+    const int32_t rank = macros->rank[e], begin = macros->start[e];
+    float *root = rank > 0 ? pliant_calloc((size_t)rank * 3 * (size_t)count, sizeof *root) : NULL;
+    if (rank > 0 && !root) return no_memory();
+    for (int32_t r = 0; r < rank; r++)
+        for (int v = 0; v < n; v++)
+            for (int m = 0; m < count; m++)
+                for (int d = 0; d < 3; d++) root[3 * count * r + 3 * m + d] += (float)(c[v][m] * macros->root[e][3 * n * r + 3 * v + d]);
+    pliant_free(macros->root[e]);
+    macros->root[e] = root;
+    for (int m = 0; m < count && m < CORNERS; m++)
+        for (int v = 0; v < n; v++)
+            for (int d = 0; d < 3; d++) gradient[3 * m + d] += c[v][m] * macros->gradient[24 * (size_t)e + (size_t)(3 * v + d)];
+    memcpy(macros->gradient + 24 * (size_t)e, gradient, sizeof gradient);
+    for (int m = 0; m < CORNERS; m++) macros->own[CORNERS * (size_t)e + (size_t)m] = m < count ? list[m] : -1;
+    memcpy(macros->node + begin, list, (size_t)count * sizeof *list);
+    memset(macros->held + begin, macros->grounded[e], (size_t)count);
+    macros->start[e + 1] = begin + count;
+    work->system->trace[e] = -1;
+    return PLIANT_OK;
+}
+
+/* an element all of whose nodes are fixed says nothing */
+static bool is_fixed(const grading *work, const int32_t *node, int n)
+{
+    for (int v = 0; v < n; v++)
+        if (!work->body->fine_fixed[node[v]]) return false;
+    return true;
+}
+
+/* What the system before has of these nodes, and of the same kind, with nothing about them changed: 1 + that element; 0: none */
+static int32_t find_same(const fine_elements *fine, int32_t first, const int32_t *node, int n, bool cube)
+{
+    const grading *work = fine->work;
+    const int32_t was = work->before ? fine->was[first] : 0;
+    if (was == 0 || (work->before->graded->tet[was - 1 - work->before->graded->num_base] < 0) != cube) return 0;
+    for (int v = 0; v < n; v++)
+        if (!graded_follows_alike(work, node[v])) return 0;
+    return was;
+}
+
+static pliant_status copy_before(grading *work, int32_t from, int32_t e)
+{
+    const pliant_macros *was = work->before->macros;
+    pliant_macros *macros = work->system->macros;
+    const int32_t begin = was->start[from], corners = was->start[from + 1] - begin;
+    memcpy(macros->own + CORNERS * (size_t)e, was->own + CORNERS * (size_t)from, CORNERS * sizeof *was->own);
+    memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * sizeof *was->gradient);
+    memcpy(macros->node + macros->start[e], was->node + begin, (size_t)corners * sizeof *was->node);
+    memcpy(macros->held + macros->start[e], was->held + begin, (size_t)corners);
+    macros->start[e + 1] = macros->start[e] + corners;
+    macros->grounded[e] = was->grounded[from];
+    macros->shear[e] = was->shear[from];
+    work->system->trace[e] = work->before->trace[from];
+    return pliant_macros_copy_root(was, from, macros, e);
+}
+
+static const pliant_cube_shape *shape_of(fine_elements *fine, const pliant_cube *cube)
+{
+    const pliant_mesh *mesh = fine->work->fine;
+    const int parity = pliant_cell_parity(mesh, mesh->lattice_of_tet[cube->tet[0]] / 5);
+    if (!fine->known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, cube, parity, fine->shape + parity);
+    fine->known[parity] = true;
+    return fine->shape + parity;
+}
+
+static pliant_status add_cube(fine_elements *fine, const pliant_cube *cube)
+{
+    grading *work = fine->work;
+    pliant_macros *macros = work->system->macros;
+    const int32_t e = macros->count;
+    for (int slot = 0; slot < 5; slot++) fine->done[cube->tet[slot]] = 1;
+    if (is_fixed(work, cube->node, CORNERS)) return PLIANT_OK;
+    bool kept = true;
+    for (int slot = 0; slot < 5; slot++) kept = kept && work->before && work->kept->fine[cube->tet[slot]];
+    const int32_t was = kept ? find_same(fine, cube->tet[0], cube->node, CORNERS, true) : 0;
+    macros->cell[e] = graded_cell_of(work, cube->tet[0]);
+    work->graded->tet[e - work->graded->num_base] = -1 - cube->tet[0];
+    macros->count++;
+    if (was > 0) return copy_before(work, was - 1, e);
+    pliant_status status = pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(fine, cube), macros, e);
+    return status == PLIANT_OK ? lead(work, cube->node, CORNERS, e) : status;
+}
+
+static pliant_status add_tet(fine_elements *fine, int32_t tet)
+{
+    grading *work = fine->work;
+    pliant_macros *macros = work->system->macros;
+    const int32_t e = macros->count, *node = work->fine->tets + 4 * (size_t)tet;
+    if (is_fixed(work, node, 4)) return PLIANT_OK;
+    const int32_t was = work->before && work->kept->fine[tet] ? find_same(fine, tet, node, 4, false) : 0;
+    macros->cell[e] = graded_cell_of(work, tet);
+    work->graded->tet[e - work->graded->num_base] = tet;
+    macros->count++;
+    if (was > 0) return copy_before(work, was - 1, e);
+    pliant_status status = pliant_macros_add_tet(work->fine, work->body->fine_material, tet, macros, e);
+    return status == PLIANT_OK ? lead(work, node, 4, e) : status;
+}
+
+static void list_before(fine_elements *fine)
+{
+    const pliant_graded *was = fine->work->before->graded;
+    const int32_t tets = fine->work->fine->num_tets;
+    for (int32_t i = 0; i < was->num_fine; i++) {
+        const int32_t tet = was->tet[i] < 0 ? -1 - was->tet[i] : was->tet[i];
+        if (tet < tets) fine->was[tet] = was->num_base + i + 1;
+    }
+}
+
+static pliant_status add_fine(grading *work)
+{
+    const size_t tets = (size_t)work->fine->num_tets;
+    pliant_cube *cubes = NULL;
+    int32_t num_cubes = 0;
+    fine_elements fine = {.work = work, .was = pliant_calloc(tets, sizeof *fine.was), .done = pliant_calloc(tets, 1), .shape = pliant_calloc(2, sizeof *fine.shape)};
+    pliant_status status = fine.was && fine.done && fine.shape ? PLIANT_OK : no_memory();
+    if (status == PLIANT_OK && work->before) list_before(&fine);
+    if (status == PLIANT_OK && work->hexahedra) status = pliant_cubes_find_among(work->fine, work->tet, work->num_tets, &cubes, &num_cubes);
+    for (int32_t i = 0; status == PLIANT_OK && i < num_cubes; i++) status = add_cube(&fine, cubes + i);
+    for (int32_t i = 0; status == PLIANT_OK && i < work->num_tets; i++)
+        if (!fine.done[work->tet[i]]) status = add_tet(&fine, work->tet[i]);
+    work->graded->num_fine = work->system->macros->count - work->graded->num_base;
+    void *blocks[] = {fine.was, fine.done, fine.shape, cubes};
+    for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    return status;
+}
+
+/* Where fine nodes follow the shape functions of elements, one that moves by itself has an element of its own, without stiffness. */
+static void add_points(grading *work)
+{
+    pliant_macros *macros = work->system->macros;
+    memset(work->point, 0xff, (size_t)work->fine->num_nodes * sizeof *work->point);
+    for (int32_t i = 0; i < 4 * work->num_tets; i++) {
+        const int32_t tet = work->tet[i / 4], fine = work->fine->tets[4 * (size_t)tet + (size_t)(i % 4)];
+        const int32_t node = work->graded->coarse_nodes + fine, e = macros->count, begin = macros->start[e];
+        if (!work->free[node] || work->point[fine] >= 0) continue;
+        work->point[fine] = e;
+        macros->node[begin] = node;
+        macros->held[begin] = macros->grounded[e] = 1;
+        for (int m = 0; m < CORNERS; m++) macros->own[CORNERS * (size_t)e + (size_t)m] = m == 0 ? node : -1;
+        macros->cell[e] = graded_cell_of(work, tet);
+        macros->start[e + 1] = begin + 1;
+        macros->count++;
+    }
+}
+
+static void find_used(grading *work)
+{
+    const pliant_macros *macros = work->system->macros;
+    for (int32_t c = 0; c < macros->start[macros->count]; c++) {
+        const int32_t node = macros->node[c];
+        if (node < work->graded->coarse_nodes) work->graded->used[node] = 1;
+        work->free[node] = !is_held(work, node);
+    }
+}
+
+pliant_status pliant_graded_elements(grading *work)
+{
+    pliant_system *system = work->system;
+    const size_t most = (size_t)work->elements->count, tets = (size_t)work->num_tets, points = work->point ? 4 * tets : 0;
+    const size_t count = most + tets + points, corners = (size_t)work->elements->start[most] + 4 * CORNERS * tets + points;
+    if (!(system->macros = pliant_calloc(1, sizeof *system->macros))) return no_memory();
+    pliant_status status = pliant_macros_allocate(system->macros, count, corners);
+    system->macros->count = 0;
+    if (status != PLIANT_OK) return status;
+    system->trace = pliant_calloc(count, sizeof *system->trace);
+    work->graded->tet = pliant_calloc(tets + 1, sizeof *work->graded->tet);
+    if (!system->trace || !work->graded->tet) return no_memory();
+    add_all_base(work);
+    if ((status = add_fine(work)) != PLIANT_OK) return status;
+    find_used(work);
+    if (work->point) add_points(work);
+    system->num_blocks = pliant_macros_blocks((size_t)system->macros->count, (size_t)system->macros->start[system->macros->count]);
+    return PLIANT_OK;
+}

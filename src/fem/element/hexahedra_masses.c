@@ -1,0 +1,139 @@
+/* Consistent masses of hexahedra, and of the tetrahedra beside them. */
+#include "base/fail.h"
+#include "base/room.h"
+#include "fem/element/hexahedra.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+typedef struct masses {
+    const pliant_mesh *mesh;
+    const pliant_tet_material *material;
+    const uint8_t *anew;       /* Nullable: (nodes) those that are found; NULL: all */
+    int32_t *tet, count;       /* all tetrahedra of the cubes around them, ascending */
+    double *mass;
+} masses;
+
+static pliant_status no_memory(void) { return pliant_fail_memory("the masses"); }
+
+/* Nodes at the corners of cubes with a tetrahedron that is not kept, which may be whole no more, and nodes that there were not: anew (num_nodes).
+ * Errors: MEMORY. */
+static pliant_status mark_anew(const pliant_mesh *mesh, int32_t nodes_before, const uint8_t *kept, uint8_t *anew)
+{
+    const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;
+    uint8_t *place = pliant_calloc((size_t)nx * (size_t)ny * ((size_t)cells[2] + 1), 1);
+    if (!place) return no_memory();
+    for (int32_t t = pliant_next_not_kept(kept, mesh->num_tets, 0); t < mesh->num_tets; t = pliant_next_not_kept(kept, mesh->num_tets, t + 1)) {
+        const int32_t cell = mesh->lattice_of_tet[t] / 5, at[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
+        for (int v = 0; v < 8; v++) place[at[0] + (v & 1) + nx * (at[1] + (v >> 1 & 1) + ny * (at[2] + (v >> 2)))] = 1;
+    }
+    for (int32_t n = 0; n < mesh->num_nodes; n++) anew[n] = n >= nodes_before || place[mesh->lattice_of_node[n]];
+    pliant_free(place);
+    return PLIANT_OK;
+}
+
+/* The tetrahedra of cubes with a corner at such a node's place; near: (cells) zeroed. anew NULL: all */
+static void list_tets(const pliant_mesh *mesh, const uint8_t *anew, uint8_t *near, masses *work)
+{
+    const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;
+    for (int32_t n = 0; anew && n < mesh->num_nodes; n++) {
+        const int32_t place = mesh->lattice_of_node[n], at[3] = {place % nx, place / nx % ny, place / nx / ny};
+        for (int side = 0; anew[n] && side < 8; side++) {
+            const int32_t i = at[0] - (side & 1), j = at[1] - (side >> 1 & 1), k = at[2] - (side >> 2);
+            if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2]) near[i + cells[0] * (j + cells[1] * k)] = 1;
+        }
+    }
+    for (int32_t t = 0; t < mesh->num_tets; t++)
+        if (!anew || near[mesh->lattice_of_tet[t] / 5]) work->tet[work->count++] = t;
+}
+
+static void add(masses *work, int32_t node, double mass)
+{
+    if (!work->anew || work->anew[node]) work->mass[node] += mass;
+}
+
+static void add_cube(masses *work, const pliant_cube *cube, const pliant_cube_shape *shape, uint8_t *inside)
+{
+    for (int slot = 0; slot < 5; slot++) {
+        inside[cube->tet[slot]] = 1;
+        for (int v = 0; v < 8; v++) add(work, cube->node[v], shape->load[slot][v] * work->material[cube->tet[slot]].density);
+    }
+}
+
+static void add_tet(masses *work, int32_t tet)
+{
+    double gradients[12];
+    const double fourth = 0.25 * pliant_mesh_gradients(work->mesh, tet, gradients) * work->material[tet].density;
+    for (int v = 0; v < 4; v++) add(work, work->mesh->tets[4 * (size_t)tet + (size_t)v], fourth);
+}
+
+/* cubes first, then tetrahedra, so that sums are in one order whatever is kept */
+static pliant_status add_all(masses *work)
+{
+    const pliant_mesh *mesh = work->mesh;
+    pliant_cube_shape *shape = pliant_calloc(2, sizeof *shape);
+    pliant_cube *cubes = NULL;
+    uint8_t *inside = pliant_calloc((size_t)mesh->num_tets, 1);
+    bool known[2] = {false, false};
+    int32_t count = 0;
+    pliant_status status = shape && inside ? pliant_cubes_find_among(mesh, work->tet, work->count, &cubes, &count) : no_memory();
+    for (int32_t c = 0; c < count; c++) {
+        const int parity = pliant_cell_parity(mesh, mesh->lattice_of_tet[cubes[c].tet[0]] / 5);
+        if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, cubes + c, parity, shape + parity);
+        known[parity] = true;
+        add_cube(work, cubes + c, shape + parity, inside);
+    }
+    for (int32_t i = 0; status == PLIANT_OK && i < work->count; i++)
+        if (!inside[work->tet[i]]) add_tet(work, work->tet[i]);
+    pliant_free(shape);
+    pliant_free(cubes);
+    pliant_free(inside);
+    return status;
+}
+
+static void clear(masses *work)
+{
+    for (int32_t n = 0; n < work->mesh->num_nodes; n++) {
+        if (!work->anew[n]) continue;
+        work->mass[n] = 0;
+        pliant_writes(work->mass, (size_t)n, 1, sizeof *work->mass);
+    }
+}
+
+/* work's anew and mass are there */
+static pliant_status find(masses *work)
+{
+    const pliant_mesh *mesh = work->mesh;
+    uint8_t *near = pliant_calloc((size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2], 1);
+    work->tet = pliant_room((size_t)mesh->num_tets, sizeof *work->tet);
+    pliant_status status = near && work->tet ? PLIANT_OK : no_memory();
+    if (status == PLIANT_OK) {
+        list_tets(mesh, work->anew, near, work);
+        status = add_all(work);
+    }
+    pliant_free(near);
+    pliant_free(work->tet);
+    return status;
+}
+
+pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass)
+{
+    masses work = {.mesh = mesh, .material = material, .mass = mass};
+    memset(mass, 0, (size_t)mesh->num_nodes * sizeof *mass);
+    return find(&work);
+}
+
+pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material, const double *before, int32_t nodes_before,
+                                           const uint8_t *kept, double **mass)
+{
+    const size_t nodes = (size_t)mesh->num_nodes, both = nodes_before < mesh->num_nodes ? (size_t)nodes_before : nodes;
+    uint8_t *anew = pliant_calloc(nodes, 1);
+    masses work = {.mesh = mesh, .material = material, .anew = anew, .mass = *mass = pliant_next_of(before, both, nodes, sizeof *before)};
+    pliant_status status = anew && work.mass ? mark_anew(mesh, nodes_before, kept, anew) : no_memory();
+    if (status == PLIANT_OK) {
+        clear(&work);
+        status = find(&work);
+    }
+    pliant_free(anew);
+    return status;
+}
