@@ -486,6 +486,19 @@ static pliant_status take_step(const opening *work)
     return PLIANT_OK;
 }
 
+extern "C" pliant_status pliant_cuda_open_load(void)
+{
+    const void *kernels[] = {reinterpret_cast<const void *>(open_residual_kernel), reinterpret_cast<const void *>(open_product_kernel),
+                             reinterpret_cast<const void *>(open_slope_kernel),    reinterpret_cast<const void *>(open_place_kernel),
+                             reinterpret_cast<const void *>(open_advance_kernel),  reinterpret_cast<const void *>(open_step_kernel),
+                             reinterpret_cast<const void *>(open_combine_kernel),  reinterpret_cast<const void *>(open_longest_kernel)};
+    for (const void *kernel : kernels) {
+        cudaFuncAttributes attributes;
+        CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));
+    }
+    return PLIANT_OK;
+}
+
 extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, int32_t *evaluations)
 {
     opening work = {};

@@ -26,6 +26,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(pliant_cuda_solver_record(gpu));
     if (gpu->system_room.grows) {
         CUDA_TRY(pliant_cuda_carried_load());
+        CUDA_TRY(pliant_cuda_open_load());
         CUDA_TRY(pliant_cuda_solver_open_room(gpu));
     }
     return pliant_cuda_solver_restart(gpu, solver);
@@ -81,7 +82,6 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
     gpu->in_use.number++;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
-    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
     gpu->loaded = false;
     gpu->fresh = true;
     gpu->last_launches = 3;
@@ -97,7 +97,8 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     gpu->in_use.turned = false; /* back to those of rest */
     gpu->in_use.turned_at = 0;
     gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
-    return pliant_cuda_solver_begin(gpu, solver);
+    CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
 /* ---- in a step */

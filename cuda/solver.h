@@ -60,6 +60,8 @@ pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solv
 
 /* ---- open.cu: the first step after a cut */
 enum { PLIANT_CUDA_OPEN_PART = 2 }; /* of a step's evaluations, so many more: half; what a step begins and ends with counts for more than on the CPU */
+/* Its kernels are loaded, as those of carried.h. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_open_load(void);
 /* Room for it. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu);
 /* Before the first step of a fresh state, with its load, tools and limit: where a cut came before it, to where Newton's step leads, and so do axes and

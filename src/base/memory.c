@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 /* What a block is stands in front of it, in the 64 bytes that alignment leaves free. */
@@ -27,6 +28,9 @@ static const size_t large = 1 << 18;
 static const size_t large_series = 1 << 14;
 
 enum { MOST_KEPT = 128, PIECE = 4096 };
+
+/* From so many bytes on a block is on large pages, if the system has some. */
+static const size_t huge = 1 << 22;
 
 /* Blocks that were freed; the one that was freed last is the last. */
 static struct {
@@ -188,6 +192,21 @@ static header *from_system(size_t room, size_t alignment)
     return block;
 }
 
+/* The pages of a block that the system has just given: large ones, and, where all of it is about to be written, at once: each by itself costs more than what
+ * is written to it. */
+static void find_pages(const header *block, bool written)
+{
+#ifdef MADV_POPULATE_WRITE
+    const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), begin = ((uintptr_t)block->base + page - 1) / page * page;
+    const uintptr_t end = ((uintptr_t)block + ALIGNMENT + block->room) / page * page;
+    if (begin >= end) return;
+    if (block->room >= huge) madvise((void *)begin, end - begin, MADV_HUGEPAGE);
+    if (written) madvise((void *)begin, end - begin, MADV_POPULATE_WRITE); /* advice, which may not be taken */
+#else
+    (void)block, (void)written;
+#endif
+}
+
 static bool may_be(size_t number, size_t size)
 {
     return number > 0 && size > 0 && number <= (SIZE_MAX / 2 - 2 * ALIGNMENT) / size && !fails_now();
@@ -198,7 +217,10 @@ static void *allocate(size_t bytes, bool clear)
     const size_t room = room_for(bytes, false);
     header *block = take_kept(room);
     if (block && clear) memset((char *)block + ALIGNMENT, 0, bytes);
-    if (!block && !(block = from_system(room, ALIGNMENT))) return NULL;
+    if (!block) {
+        if (!(block = from_system(room, ALIGNMENT))) return NULL;
+        if (room >= large) find_pages(block, !clear);
+    }
     block->bytes = bytes;
     count(bytes);
     return (char *)block + ALIGNMENT;
@@ -269,6 +291,7 @@ static void *next_of(const header *from, size_t kept_bytes, size_t bytes)
             give_back(block);
             return NULL;
         }
+        if (room >= large_series) find_pages(block, true);
     }
     block->bytes = bytes;
     follow(block, from, kept_bytes);

@@ -23,48 +23,58 @@ typedef struct node_groups {
 
 static int32_t group_at(const node_groups *groups, const int32_t at[3]) { return at[0] + groups->count[0] * (at[1] + groups->count[1] * at[2]); }
 
-static void take_in(const node_box *one, node_box *all)
+static inline double lesser(double a, double b) { return a < b ? a : b; }
+static inline double greater(double a, double b) { return a > b ? a : b; }
+
+static inline void take_in(const node_box *one, node_box *all)
 {
     for (int d = 0; d < 3; d++) {
-        if (one->low[d] < all->low[d]) all->low[d] = one->low[d];
-        if (one->high[d] > all->high[d]) all->high[d] = one->high[d];
+        all->low[d] = lesser(one->low[d], all->low[d]);
+        all->high[d] = greater(one->high[d], all->high[d]);
     }
 }
 
 static const node_box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
+/* Each box takes in those that come next along all axes: in it are then all nodes of the tetrahedra between. */
+static void take_in_next(node_groups *groups)
+{
+    const int32_t *count = groups->count, stride[3] = {1, count[0], count[0] * count[1]};
+    for (int axis = 0; axis < 3; axis++)
+        for (int32_t g = 0; g + stride[axis] < count[0] * count[1] * count[2]; g++)
+            if (g / stride[axis] % count[axis] + 1 < count[axis]) take_in(groups->box + g + stride[axis], groups->box + g);
+}
+
 /* copies are where their sources are on the lattice; nodes run along its rows */
-static void find_boxes(node_groups *groups, const double *positions)
+static void find_boxes(node_groups *groups, int32_t load, const double *positions)
 {
     const pliant_mesh *mesh = groups->mesh;
     const int32_t row = mesh->cells[0] + 1, rows = mesh->cells[1] + 1;
     int32_t begin = 0, first = 0; /* of the row that the last node was in: its number on the lattice, and of its groups */
     for (int32_t g = 0; g < groups->count[0] * groups->count[1] * groups->count[2]; g++) groups->box[g] = nothing;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        const int32_t node = mesh->lattice_of_node[groups->load ? groups->load[n] : n];
+        const int32_t node = mesh->lattice_of_node[n >= load && groups->load ? groups->load[n] : n];
         if (node < begin || node >= begin + row) {
             const int32_t at[3] = {0, node / row % rows / GROUP, node / row / rows / GROUP};
             begin = node / row * row;
             first = group_at(groups, at);
         }
         const double *x = positions + 3 * (size_t)n;
-        const node_box one = {{x[0], x[1], x[2]}, {x[0], x[1], x[2]}};
-        take_in(&one, groups->box + first + (node - begin) / GROUP);
+        node_box *box = groups->box + first + (node - begin) / GROUP;
+        for (int d = 0; d < 3; d++) {
+            box->low[d] = lesser(x[d], box->low[d]);
+            box->high[d] = greater(x[d], box->high[d]);
+        }
     }
+    take_in_next(groups);
 }
 
 /* A tetrahedron's box reaches further by a share of its own size, which is no more than that of all. */
-static bool may_be_near(const node_groups *groups, const int32_t at[3], const cut_strip *strip, double reach, double slack)
+static bool may_be_near(const node_box *all, const cut_strip *strip, double reach, double slack)
 {
-    node_box all = nothing;
-    for (int corner = 0; corner < 8; corner++) {
-        int32_t other[3];
-        for (int d = 0; d < 3; d++) other[d] = at[d] + (corner >> d & 1) < groups->count[d] ? at[d] + (corner >> d & 1) : at[d];
-        take_in(groups->box + group_at(groups, other), &all);
-    }
     for (int d = 0; d < 3; d++) {
-        const double more = reach * (all.high[d] - all.low[d]) + slack;
-        if (!(all.low[d] - more <= strip->high[d] && all.high[d] + more >= strip->low[d])) return false;
+        const double more = reach * (all->high[d] - all->low[d]) + slack;
+        if (!(all->low[d] - more <= strip->high[d] && all->high[d] + more >= strip->low[d])) return false;
     }
     return true;
 }
@@ -98,12 +108,12 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
     for (int d = 0; d < 3; d++) groups.count[d] = mesh->cells[d] / GROUP + 1;
     groups.box = pliant_calloc((size_t)groups.count[0] * (size_t)groups.count[1] * (size_t)groups.count[2], sizeof *groups.box);
     if (!groups.box) return pliant_fail_memory("what a blade touches");
-    find_boxes(&groups, positions);
+    find_boxes(&groups, body->voxels->num_nodes, positions);
     int32_t at[3];
     for (at[2] = 0; at[2] < groups.count[2]; at[2]++)
         for (at[1] = 0; at[1] < groups.count[1]; at[1]++)
             for (at[0] = 0; at[0] < groups.count[0]; at[0]++)
-                if (may_be_near(&groups, at, strip, reach, slack)) mark(&groups, at, near);
+                if (may_be_near(groups.box + group_at(&groups, at), strip, reach, slack)) mark(&groups, at, near);
     pliant_free(groups.box);
     return PLIANT_OK;
 }

@@ -19,6 +19,12 @@ typedef struct voxel_map {
     double axes[9], origin[3];
 } voxel_map;
 
+/* Triangles whose common box is looked at first, and that box. */
+enum { RUN = 8 };
+typedef struct triangle_run {
+    double low[3], high[3];
+} triangle_run;
+
 typedef struct severing {
     cut_work *work;
     double rest_of_index[9]; /* voxel axes times spacing */
@@ -28,6 +34,7 @@ typedef struct severing {
     cut_strip strip;
     int32_t *near;           /* triangles near a fragment */
     int32_t num_near;
+    triangle_run *run;       /* of them, so many at a time */
     double slab[5];          /* of a fragment: only voxels with slab[3] <= slab[0..2] . index <= slab[4] are near them */
     double between[2];       /* and they lie between these, as far as its own map goes */
     int32_t *map_of;         /* (fine tetrahedra) 1 + index into maps */
@@ -84,6 +91,12 @@ static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
 
 /* ---- the predicate */
 
+/* whether two boxes have nothing in common */
+static inline bool are_apart(const double low[3], const double high[3], const double other_low[3], const double other_high[3])
+{
+    return low[0] > other_high[0] || high[0] < other_low[0] || low[1] > other_high[1] || high[1] < other_low[1] || low[2] > other_high[2] || high[2] < other_low[2];
+}
+
 /* the triangle that parts two points, or NULL */
 static const cut_triangle *parted(const severing *cut, const double a[3], const double b[3])
 {
@@ -92,12 +105,13 @@ static const cut_triangle *parted(const severing *cut, const double a[3], const 
         low[d] = lesser(a[d], b[d]) - cut->slack;
         high[d] = greater(a[d], b[d]) + cut->slack;
     }
-    for (int32_t n = 0; n < cut->num_near; n++) {
-        const cut_triangle *one = cut->strip.triangles + cut->near[n];
-        if (one->low[0] > high[0] || one->high[0] < low[0] || one->low[1] > high[1] || one->high[1] < low[1] || one->low[2] > high[2] ||
-            one->high[2] < low[2])
-            continue;
-        if (pliant_passes_through(a, b, one->corner, one->normal, cut->slack)) return one;
+    for (int32_t first = 0; first < cut->num_near; first += RUN) {
+        const triangle_run *run = cut->run + first / RUN;
+        if (are_apart(run->low, run->high, low, high)) continue;
+        for (int32_t n = first; n < cut->num_near && n < first + RUN; n++) {
+            const cut_triangle *one = cut->strip.triangles + cut->near[n];
+            if (!are_apart(one->low, one->high, low, high) && pliant_passes_through(a, b, one->corner, one->normal, cut->slack)) return one;
+        }
     }
     return NULL;
 }
@@ -210,11 +224,13 @@ static bool find_near(severing *cut, double low[3], double high[3])
     cut->num_near = 0;
     for (int32_t t = 0; t < cut->strip.count; t++) {
         const cut_triangle *one = cut->strip.triangles + t;
-        if (one->low[0] > high[0] || one->high[0] < low[0] || one->low[1] > high[1] || one->high[1] < low[1] || one->low[2] > high[2] ||
-            one->high[2] < low[2])
-            continue;
+        if (are_apart(one->low, one->high, low, high)) continue;
+        triangle_run *run = cut->run + cut->num_near / RUN;
+        if (cut->num_near % RUN == 0) *run = (triangle_run){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
         cut->near[cut->num_near++] = t;
         for (int d = 0; d < 3; d++) {
+            run->low[d] = lesser(run->low[d], one->low[d]);
+            run->high[d] = greater(run->high[d], one->high[d]);
             from[d] = lesser(from[d], one->low[d]);
             to[d] = greater(to[d], one->high[d]);
         }
@@ -384,7 +400,8 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     if (status == PLIANT_OK && cut.strip.count > 0) {
         cut.near = pliant_calloc((size_t)cut.strip.count, sizeof *cut.near);
         cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);
-        if (!cut.near || !cut.map_of) status = pliant_fail_memory("the maps of fragments");
+        cut.run = pliant_calloc((size_t)(cut.strip.count / RUN) + 1, sizeof *cut.run);
+        if (!cut.near || !cut.map_of || !cut.run) status = pliant_fail_memory("the maps of fragments");
         if (status == PLIANT_OK) status = pliant_cut_near(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
         const size_t tets = (size_t)work->body->fine.num_tets;
         for (const uint8_t *at = may; status == PLIANT_OK && (at = memchr(at, 1, tets - (size_t)(at - may))); at++) status = try_fragment(&cut, (int32_t)(at - may));
@@ -392,6 +409,7 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     }
     pliant_free(cut.strip.triangles);
     pliant_free(cut.near);
+    pliant_free(cut.run);
     pliant_free(may);
     pliant_free(cut.map_of);
     pliant_free(cut.maps);

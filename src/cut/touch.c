@@ -152,18 +152,22 @@ static void find_parts(cut_work *work)
     const pliant_voxels *voxels = work->voxels;
     const pliant_links *links = &work->links;
     const int32_t row = links->size[0], slice = row * links->size[1];
+    ptrdiff_t behind[9];
+    for (int n = 0; n < 9; n++) behind[n] = pliant_behind[n][0] + row * pliant_behind[n][1] + (ptrdiff_t)slice * pliant_behind[n][2];
     for (int32_t t = 0; t < work->num_touched; t++) {
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) work->part[i] = i;
         int32_t at[3] = {0}, before = -2;
         for (int32_t i = work->start[t]; i < work->start[t + 1]; i++) {
             pliant_place_after(voxels, work->voxel[i], &before, at);
             const size_t place = (size_t)(at[0] - links->low[0]) + (size_t)row * (size_t)(at[1] - links->low[1]) + (size_t)slice * (size_t)(at[2] - links->low[2]);
+            int32_t own = first_of(work->part, i);
             for (int n = 0; n < 9; n++) {
-                const int8_t *step = pliant_behind[n];
-                const int32_t other = work->place[(ptrdiff_t)place + step[0] + row * step[1] + (ptrdiff_t)slice * step[2]] - 1;
+                const int32_t other = work->place[(ptrdiff_t)place + behind[n]] - 1;
                 if (other < work->start[t] || other >= work->start[t + 1]) continue;
-                if (first_of(work->part, i) != first_of(work->part, other) && pliant_joined(links, work->voxel[i], at, step))
-                    join(work->part, i, other);
+                const int32_t its = first_of(work->part, other);
+                if (own == its || !pliant_joined(links, work->voxel[i], at, pliant_behind[n])) continue;
+                join(work->part, own, its);
+                own = first_of(work->part, own);
             }
         }
         const int32_t tet = work->touched[t];

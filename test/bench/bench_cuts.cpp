@@ -5,8 +5,9 @@
 //   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3] [busy=0] [group/name=value ...]
 //
 // length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume. stages=1: what each part of a cut
-// takes of the clock, and the frame after it; no undo, a step after each, and so many other frames; frames=0: no step either. busy=1: of the
-// calling thread's own time, for solver/threads=1 on a machine that others use; what the background makes is not in it.
+// takes of the clock, and the frame after it; no undo, a step after each, and so many other frames; frames=0: no step either; no step waits for what is
+// made in the background. busy=1: of the calling thread's own time, for solver/threads=1 on a machine that others use; what the background makes is not
+// in it.
 #include "frames.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/discretization.h"
@@ -190,6 +191,7 @@ int main(int argc, char **argv)
     pliant_data *data = nullptr;
     check(pliant_model_build(&scene, &volume, &organs, &materials, {nullptr, nullptr}, &model));
     check(pliant_data_create(model, &data));
+    if (with["stages"] > 0) data->background = pliant_background{PLIANT_BACKGROUND_LIVE, 0, 0};
     std::printf("load [ms]:");
     static const char *const stages[] = {PLIANT_BUILD_STAGE_LIST(STAGE_NAME)};
     for (int s = 0; s < PLIANT_NUM_BUILD_STAGES; s++) std::printf(" %s %.0f", stages[s], 1e3 * model->build_seconds[s]);
