@@ -80,10 +80,11 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     return status;
 }
 
-/* What is here of the body before, and was sent from where. */
+/* What is here of the body before, was sent from where, and differs. */
 struct known_body {
     const gpu_raster *raster;
     const pliant_warp_parts *parts;
+    const pliant_warp_changes *changes;
 };
 
 /* An array of which the first ones are here: what differs from before, or lies behind them, is sent. h_before: NULL: nothing differs */
@@ -98,11 +99,27 @@ static pliant_status send_next(const T *h_from, size_t count, const T *d_before,
     return same == count ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
+/* Corners of elements, of a mesh that may be anyone's: of those that both bodies have, what differs is drawn anew. */
+static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream, body_room *room, const int32_t **d_out)
+{
+    enum { NEAR = 256 }; /* what lies between two goes along */
+    const size_t count = 4 * (size_t)mesh->num_tets;
+    if (!known) return send(mesh->tets, count, TETS, stream, room, d_out);
+    const pliant_warp_changes *changes = known->changes;
+    CUDA_TRY(send_next<int32_t>(mesh->tets, count, known->raster->d_tets, nullptr, 4 * (size_t)changes->common, TETS, stream, room, d_out));
+    int32_t *d_to = const_cast<int32_t *>(*d_out);
+    for (int32_t first = 0, last; first < changes->num_anew; first = last) {
+        for (last = first + 1; last < changes->num_anew && changes->anew[last] - changes->anew[last - 1] < NEAR;) last++;
+        const size_t from = 4 * (size_t)changes->anew[first], to = 4 * ((size_t)changes->anew[last - 1] + 1);
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to + from, mesh->tets + from, (to - from) * sizeof *d_to, cudaMemcpyHostToDevice, stream)));
+    }
+    return PLIANT_OK;
+}
+
 /* what is of a body; known: Nullable */
 static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream, gpu_raster *raster, body_room *room)
 {
     const gpu_raster *here = known ? known->raster : raster;
-    const pliant_mesh *mesh_here = known ? known->parts->mesh : nullptr;
     const pliant_parts *cut_here = known && here->parts.elements ? known->parts->parts : nullptr;
     const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
     const pliant_parts *cut = parts->parts;
@@ -112,8 +129,7 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     raster->num_tets = (int32_t)tets;
     raster->num_elements = (int32_t)elements;
     uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);
-    CUDA_TRY(send_next(parts->mesh->tets, 4 * tets, here->d_tets, mesh_here ? mesh_here->tets : nullptr, mesh_here ? 4 * (size_t)mesh_here->num_tets : 0, TETS, stream,
-                       room, &raster->d_tets));
+    CUDA_TRY(send_tets(parts->mesh, known, stream, room, &raster->d_tets));
     CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr, known ? 3 * (size_t)parts->rest_known : 0, REST, stream, room, &raster->d_rest));
     CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
     CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
@@ -415,7 +431,7 @@ static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_
 /* The elements of the next body as they were drawn; what was drawn before is only read. */
 static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
-    const known_body known = {&gpu->raster, &gpu->parts};
+    const known_body known = {&gpu->raster, &gpu->parts, changes};
     CUDA_TRY(fill_body(&next->parts, &known, gpu->stream, &next->raster, &next->room));
     CUDA_TRY(send_list(changes->gone, changes->num_gone, gpu->stream, &next->d_gone, &next->gone_room));
     CUDA_TRY(send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_room));
