@@ -60,6 +60,7 @@ static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_
             for (int c = 0; c < 3; c++) out[3 * r + c] += by[3 * r] * moved[c] + by[3 * r + 1] * moved[3 + c] + by[3 * r + 2] * moved[6 + c];
     }
     if (view.num_moving > 0) answer_pieces(view, a, b, out);
+    for (int d = 0; a == b && d < 3; d++) out[4 * d] *= 1 + PLIANT_CONE_GIVES;
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {
             view.d_matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = out[3 * r + c];

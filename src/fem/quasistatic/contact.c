@@ -381,6 +381,7 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
             double block[9];
             answer_of(touches, a, b, block);
             if (touches->pieces) pliant_touches_answer_pieces(touches, a, b, block);
+            for (int d = 0; a == b && d < 3; d++) block[4 * d] *= 1 + PLIANT_CONE_GIVES;
             for (size_t r = 0; r < 3; r++)
                 for (size_t c = 0; c < 3; c++)
                     touches->matrix[(3 * (size_t)a + r) * row + 3 * (size_t)b + c] = touches->matrix[(3 * (size_t)b + c) * row + 3 * (size_t)a + r] = block[3 * r + c];
