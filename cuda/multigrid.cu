@@ -113,14 +113,14 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
     return room(multigrid, padded, stream, &multigrid->level[last].d_x[0]);
 }
 
-/* the numbers at rest, from the CPU's */
-static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system *system, const pliant_hierarchy *hierarchy, cudaStream_t stream)
+/* the numbers, from the CPU's */
+static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *system, const double *x, pliant_twist twist, const pliant_hierarchy *hierarchy, cudaStream_t stream)
 {
     pliant_multigrid *numbers = nullptr;
     pliant_tangent *h_tangents = static_cast<pliant_tangent *>(pliant_calloc((size_t)system->num_blocks, sizeof(pliant_tangent)));
     pliant_status status = h_tangents ? pliant_multigrid_create(hierarchy, system->num_threads, &numbers) : pliant_fail_memory("the multigrid");
     if (status == PLIANT_OK) {
-        pliant_system_tangents(system, system->mesh->rest, PLIANT_TWIST_EXACT, h_tangents);
+        pliant_system_tangents(system, x, twist, h_tangents);
         status = pliant_multigrid_numeric(numbers, h_tangents);
     }
     if (status == PLIANT_OK) status = fill(multigrid, hierarchy, numbers, stream);
@@ -129,7 +129,7 @@ static pliant_status fill_at_rest(gpu_multigrid *multigrid, const pliant_system 
     return status;
 }
 
-extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream, gpu_multigrid **out)
+extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out)
 {
     pliant_hierarchy *hierarchy = nullptr;
     CUDA_TRY(pliant_hierarchy_create(system, largest, &hierarchy));
@@ -139,7 +139,7 @@ extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *syste
     pliant_status status = PLIANT_OK;
     if (hierarchy->level[hierarchy->num_levels - 1].system.num_free <= largest) {
         multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
-        status = multigrid ? fill_at_rest(multigrid, system, hierarchy, stream) : pliant_fail_memory("the multigrid");
+        status = multigrid ? fill_at(multigrid, system, x, twist, hierarchy, stream) : pliant_fail_memory("the multigrid");
     }
     pliant_hierarchy_free(hierarchy);
     if (status != PLIANT_OK) {

@@ -2,6 +2,7 @@
 #ifndef PLIANT_CUDA_MULTIGRID_H
 #define PLIANT_CUDA_MULTIGRID_H
 
+#include "fem/system.h"
 #include "inverse.h"
 
 #ifdef __cplusplus
@@ -10,9 +11,9 @@ extern "C" {
 
 typedef struct gpu_multigrid gpu_multigrid;
 
-/* largest: free nodes that the dense level may have. *out is NULL when the lattice cannot be coarsened so far.
+/* x: (nodes x 3) positions that it is made at. largest: free nodes that the dense level may have. *out is NULL when the lattice cannot be coarsened so far.
  * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
-pliant_status pliant_cuda_multigrid_create(const pliant_system *system, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
 /* As pliant_cuda_inverse_apply. */

@@ -1,4 +1,4 @@
-/* What stands for the inverse of the stiffness matrix at rest, turned along with the tissue at each node. */
+/* What stands for the inverse of the stiffness matrix, turned along with the tissue at each node: that at rest, or of a state, turned back to rest. */
 #ifndef PLIANT_CUDA_PRECONDITIONER_H
 #define PLIANT_CUDA_PRECONDITIONER_H
 
@@ -14,13 +14,21 @@ typedef struct gpu_preconditioner {
     gpu_multigrid *multigrid; /* NULL: the inverse */
     int32_t num_free;         /* that it is of: those of a body before, where it is carried over */
     uint8_t *h_whole;         /* Nullable: which cubes of that body are hexahedra (pliant_carried_whole) */
+    double *d_axes;           /* (num_free x 9) Nullable: that a V-cycle was made in, where that is not at rest; of an inverse it has them */
+    float *d_turned;          /* (num_free x 3, padded) room, beside those */
     size_t bytes;
     gpu_carried carried;
     gpu_carried_room room;
 } gpu_preconditioner;
 
-/* Finds the system's pattern where it has none. auto: whatever is quicker for so many nodes. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
-pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, cudaStream_t stream,
+/* A state that one is made at, of the host: nodes (x 3), and the axes of the unknown ones there (x 9). At rest: NULL in place of it. */
+typedef struct gpu_state_made_at {
+    const double *x, *axes;
+} gpu_state_made_at;
+
+/* auto: whatever is quicker for so many nodes. at: Nullable; where the exact matrix is not positive definite there, it is that part of it which is. The system
+ * has its pattern. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
+pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const gpu_state_made_at *at, cudaStream_t stream,
                                                 gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
 /* d_left = M d_right of the iteration; nothing where the state says that it skips. */

@@ -1,9 +1,11 @@
 /* A preconditioner made in the background, as src/fem/quasistatic/refresh.c makes factors: begun in one step, put to use a fixed number of
- * steps later or as background.h says. What is being made for a body when the next one comes becomes the base of what is carried over. */
+ * steps later or as background.h says. What is being made for a body when the next one comes becomes the base of what is carried over.
+ * These are of rest. One of the state of now is made amid a step, which waits for it; where it serves badly later, one of rest follows. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
 #include "check.h"
+#include "forces.h"
 #include "fem/quasistatic/background.h"
 #include "pliant/memory.h"
 #include "solver.h"
@@ -47,7 +49,7 @@ static pliant_status make(gpu_renewal *renewal)
     CUDA_TRY(pliant_system_find_pattern(renewal->of->system));
     pliant_system system = *renewal->of->system;
     system.num_threads = 1;
-    CUDA_TRY(pliant_cuda_preconditioner_create(&system, renewal->choice, renewal->stream, &renewal->made));
+    CUDA_TRY(pliant_cuda_preconditioner_create(&system, renewal->choice, nullptr, renewal->stream, &renewal->made));
     return CUDA_CALL(cudaStreamSynchronize(renewal->stream));
 }
 
@@ -105,11 +107,15 @@ static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
     a->multigrid = b->multigrid;
     a->num_free = b->num_free;
     a->h_whole = b->h_whole;
+    a->d_axes = b->d_axes;
+    a->d_turned = b->d_turned;
     a->bytes = b->bytes;
     b->inverse = other.inverse;
     b->multigrid = other.multigrid;
     b->num_free = other.num_free;
     b->h_whole = other.h_whole;
+    b->d_axes = other.d_axes;
+    b->d_turned = other.d_turned;
     b->bytes = other.bytes;
 }
 
@@ -143,6 +149,7 @@ static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solve
         exchange_bases(&renewal->discarded, &renewal->made);
         *renewed = possible;
         statistics->factors += possible;
+        gpu->of_state = gpu->of_state && !possible;
     }
     forget_body(renewal);
     if (status != PLIANT_OK || !*renewed) return status;
@@ -156,8 +163,74 @@ extern "C" pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const
     const gpu_renewal *renewal = gpu->renewal;
     if (renewal && renewal->running && pliant_background_arrives(solver->background, solver->takes_factor, renewal->finished, statistics->step >= renewal->due))
         CUDA_TRY(deliver(gpu, solver, statistics, renewed));
-    if (gpu->preconditioner.carried.base_free == 0 || (renewal && renewal->running)) return PLIANT_OK;
-    return start(gpu, solver, statistics->step);
+    const bool wanted = gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.served_badly);
+    return wanted && !(renewal && renewal->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
+}
+
+/* ---- at once */
+
+/* What is under way is of no use any more. */
+static void stop(pliant_cuda_solver *gpu)
+{
+    gpu_renewal *renewal = gpu->renewal;
+    if (!renewal || !renewal->running) return;
+    join(renewal);
+    forget_body(renewal);
+}
+
+/* In place of the one at hand, which is of the same body. at: Nullable. Where none can be made, the old one stays. */
+static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, bool *made)
+{
+    gpu_preconditioner other = {};
+    if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
+    pliant_fail_quietly(true);
+    const pliant_status status = pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, &other);
+    pliant_fail_quietly(false);
+    *made = status == PLIANT_OK;
+    if (*made) exchange_bases(&gpu->preconditioner, &other);
+    pliant_cuda_preconditioner_free(&other);
+    if (!*made) return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made") : PLIANT_OK;
+    gpu->of_state = at != nullptr;
+    gpu->in_use.number++;
+    pliant_cuda_answers_forget(&gpu->touches.answers);
+    return pliant_cuda_solver_record(gpu);
+}
+
+/* The present state, where the step has led, with axes that are of it. Both arrays are of pliant_calloc. */
+static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *axes)
+{
+    const gpu_iteration *it = &gpu->iteration;
+    if (!gpu->in_use.rough) {
+        CUDA_TRY(pliant_cuda_rotate(&gpu->system, it, false, gpu->stream));
+        pliant_in_use_turned(&gpu->in_use);
+    }
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(x, it->d_x[gpu->h_state->now], 3 * (size_t)it->num_nodes * sizeof *x, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(axes, it->d_axes, 9 * (size_t)it->num_free * sizeof *axes, cudaMemcpyDeviceToHost, gpu->stream)));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made)
+{
+    *made = false;
+    if (gpu->preconditioner.carried.base_free > 0) return PLIANT_OK; /* its own is on its way */
+    stop(gpu);
+    double *x = static_cast<double *>(pliant_calloc((size_t)gpu->iteration.num_nodes, 3 * sizeof *x));
+    double *axes = static_cast<double *>(pliant_calloc((size_t)gpu->iteration.num_free, 9 * sizeof *axes));
+    const gpu_state_made_at at = {x, axes};
+    pliant_status status = x && axes ? download_state(gpu, x, axes) : pliant_fail_memory("the preconditioner");
+    if (status == PLIANT_OK) status = make_now(gpu, solver, &at, made);
+    statistics->factors += *made;
+    pliant_free(x);
+    pliant_free(axes);
+    return status;
+}
+
+extern "C" pliant_status pliant_cuda_renew_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    bool made;
+    if (!gpu->of_state || gpu->preconditioner.carried.base_free > 0) return PLIANT_OK;
+    stop(gpu);
+    return make_now(gpu, solver, nullptr, &made);
 }
 
 extern "C" pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node)

@@ -20,7 +20,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_room));
-    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, gpu->stream, &gpu->preconditioner));
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, nullptr, gpu->stream, &gpu->preconditioner));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
@@ -80,6 +80,7 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
 {
     const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
     gpu->in_use.number++;
+    gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
     gpu->loaded = false;
@@ -91,12 +92,12 @@ extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const
 extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_renew_at_rest(gpu, solver));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     pliant_in_use_turned(&gpu->in_use);
     gpu->in_use.turned = false; /* back to those of rest */
     gpu->in_use.turned_at = 0;
-    gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
     CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
@@ -247,11 +248,51 @@ static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
     statistics->error = state->rules.error;
 }
 
+/* Evaluations of a step so far, and what its first ones say of the one before. */
+struct step_so_far {
+    int32_t opened;            /* of the step after a cut, before the others */
+    int32_t solved, iterations;
+    double error_before;
+};
+
+/* What evaluations have led to: the tools' forces, and how many there were. */
+static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
+{
+    const gpu_state *state = gpu->h_state;
+    const pliant_anderson *rules = &state->rules;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
+    gpu->fresh = false;
+    gpu->last_launches = rules->evaluations + state->ending;
+    const int32_t solved = gpu->last_launches - (step->known == PLIANT_KNOWN_STEP);
+    if (so_far->iterations == 0) so_far->error_before = rules->error_before;
+    so_far->solved += solved;
+    so_far->iterations += rules->evaluations - rules->last;
+    gpu->in_use.evaluations += solved;
+    statistics->rejected += (uint64_t)rules->rejected;
+}
+
+/* As come_out of solver.c. */
+static pliant_status come_out(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, gpu_step *step, step_so_far *so_far)
+{
+    bool made = !(solver->budget > 0);
+    for (int again = 0; again < PLIANT_MOST_STUCK && made && pliant_touches_are_stuck(solver->touches, &gpu->h_state->rules, pliant_cuda_touches_moved(&gpu->touches)); again++) {
+        int32_t opened = 0;
+        CUDA_TRY(pliant_cuda_renew_now(gpu, solver, statistics, &made));
+        if (!made) break;
+        *step = {};
+        CUDA_TRY(prepare(gpu, solver, gravity, statistics, true, step, &opened));
+        step->limit.evaluations = INT32_MAX; /* even a live step is better late */
+        CUDA_TRY(pliant_cuda_touches_run(gpu, solver, step));
+        note(gpu, solver, step, statistics, so_far);
+    }
+    return PLIANT_OK;
+}
+
 static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
     bool renewed = false;
-    int32_t opened = 0;
+    step_so_far so_far = {};
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
     if (gpu->fresh) pliant_solver_forget(solver);
@@ -261,24 +302,20 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
         statistics->error_before = statistics->error;
         return PLIANT_OK;
     }
-    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &opened));
+    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.opened));
     CUDA_TRY(step.touches ? pliant_cuda_touches_run(gpu, solver, &step) : run(gpu, &step));
-    gpu->fresh = false;
+    note(gpu, solver, &step, statistics, &so_far);
+    if (step.touches) CUDA_TRY(come_out(gpu, solver, gravity, statistics, &step, &so_far));
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
     pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
-    gpu->last_launches = rules->evaluations + state->ending;
-    const int32_t solved = gpu->last_launches - (step.known == PLIANT_KNOWN_STEP);
-    pliant_even_note(&solver->even, solved + opened, rules->first_merit);
-    gpu->in_use.evaluations += solved;
+    pliant_even_note(&solver->even, so_far.solved + so_far.opened, rules->first_merit);
     if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
     gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;
-    statistics->iterations = opened + rules->evaluations - rules->last;
-    statistics->rejected += (uint64_t)rules->rejected;
+    statistics->iterations = so_far.opened + so_far.iterations;
     tell(gpu, statistics);
-    statistics->error_before = rules->error_before;
+    statistics->error_before = so_far.error_before;
     pliant_touches_tell(solver->touches, pliant_cuda_touches_moved(&gpu->touches), statistics);
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }

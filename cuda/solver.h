@@ -28,6 +28,7 @@ struct pliant_cuda_solver {
     gpu_system system;
     gpu_system_room system_room;
     gpu_preconditioner preconditioner;
+    bool of_state;             /* it was made of a state, not of rest */
     gpu_renewal *renewal;      /* Nullable: the next preconditioner, in the background */
     gpu_iteration iteration;
     size_t room[SOLVER_ARRAYS]; /* bytes of its arrays, of d_fine and of d_solved */
@@ -83,6 +84,11 @@ pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
 /* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none
  * could be made, the old one stays. */
 pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed);
+/* In place of one of this body: of the state that the step has led to, at once; *made: false: none could be made, or it is carried over from a body before. It
+ * turns the axes. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made);
+/* Where the one in use is of a state: of rest. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_renew_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* The next body: what is under way will be of the one before. node: (nodes of the solved mesh) of that one's. Errors: MEMORY. */
 pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
 void pliant_cuda_renewal_free(pliant_cuda_solver *gpu); /* waits for the background */

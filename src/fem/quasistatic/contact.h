@@ -9,6 +9,7 @@
 
 #include "contact/contact.h"
 #include "fem/linear/answers.h"
+#include "fem/quasistatic/anderson.h"
 #include "fem/quasistatic/piece_rules.h"
 #include "fem/system.h"
 #include "state/data.h"
@@ -92,8 +93,13 @@ void pliant_touches_pull(const pliant_touches *touches, const double *force, dou
 void pliant_touches_take(pliant_touches *touches);
 /* Forces and anchors to the points, how deep the deepest lies. */
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
-/* How deep the deepest lies where the solver is now [m]. */
-double pliant_touches_depth(const pliant_solver *solver);
+/* W x of the points where the solver is now: (count x 3), until they are asked again. */
+const double *pliant_touches_moved(const pliant_solver *solver);
+/* Whether tissue would be left where an instrument is: no step from the state has led out of there, or all of them not far enough. It is pushed far and fast
+ * then, and what stands for the inverse of the stiffness is of a shape that it no longer has: with one of the state of now the step goes on, so often at
+ * most. touches: Nullable; moved: W x of the points there */
+enum { PLIANT_MOST_STUCK = 4 };
+bool pliant_touches_are_stuck(const pliant_touches *touches, const pliant_anderson *rules, const double *moved);
 /* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
 

@@ -184,22 +184,17 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     return status;
 }
 
-/* Whether tissue would be left where an instrument is: no step from the state has led out of there, or all of them not far enough. */
 static bool is_stuck(const pliant_solver *solver)
 {
-    const double deep = 5; /* thousandths of the body's length */
-    return pliant_touches_any(solver->touches) && !solver->rules.converged && pliant_touches_depth(solver) > deep * solver->rules.smallest_displacement;
+    return pliant_touches_any(solver->touches) && pliant_touches_are_stuck(solver->touches, &solver->rules, pliant_touches_moved(solver));
 }
 
-/* What touches is pushed far and fast, and what stands for the inverse of the stiffness is of a shape that the tissue no longer has: with a new one
- * the step goes on. */
 static pliant_status come_out(pliant_solver *solver, step_time *time, pliant_statistics *statistics)
 {
-    enum { MOST = 4 };
     bool made = !(solver->budget > 0);
     pliant_status status = PLIANT_OK;
     time->limit.evaluations = INT32_MAX; /* even a live step is better late */
-    for (int again = 0; again < MOST && made && status == PLIANT_OK && is_stuck(solver); again++) {
+    for (int again = 0; again < PLIANT_MOST_STUCK && made && status == PLIANT_OK && is_stuck(solver); again++) {
         int32_t more = 0;
         status = pliant_refresh_now(solver, statistics, &made);
         if (status != PLIANT_OK || !made) break;
