@@ -55,7 +55,7 @@ extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, cons
                                                    bool *possible)
 {
     const pliant_system *system = solver->system;
-    *possible = !system->macros == !before->system->macros && (!system->macros || (!system->macros->fine_start && has_eight_corners_at_most(system->macros)));
+    *possible = system->macros ? !system->macros->fine_start && has_eight_corners_at_most(system->macros) : !before->system->macros;
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     int32_t *h_before = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_before));

@@ -147,6 +147,16 @@ static pliant_status send_upsampling(const passage &work)
     return send(work, ENTRY_SHAPE, up->entry_shape, 9 * corners * entries, was->entry_shape, 9 * corners_was * entries_was, what, &gpu->d_entry_shape);
 }
 
+/* of a coarse model that a cut refines: its elements are macro-elements from then on */
+static void release_tets(gpu_system *gpu)
+{
+    void *blocks[] = {gpu->d_tets, gpu->d_gradients, gpu->d_lame, gpu->d_stiffness, gpu->d_grounded};
+    for (void *block : blocks) pliant_cuda_release(block);
+    gpu->d_tets = nullptr;
+    gpu->d_gradients = gpu->d_lame = gpu->d_stiffness = nullptr;
+    gpu->d_grounded = nullptr;
+}
+
 static pliant_status send_all(const passage &work)
 {
     static const pliant_mesh no_mesh = {};
@@ -169,6 +179,7 @@ static pliant_status send_all(const passage &work)
     if (now->upsample)
         CUDA_TRY(send(work, FINE_REST, now->fine->rest, 3 * (size_t)gpu->num_fine, fine_was->rest, 3 * (size_t)fine_was->num_nodes, "the upsampling", &gpu->d_fine_rest));
     if (now->macros) {
+        release_tets(gpu);
         CUDA_TRY(pliant_cuda_macros_set(now->macros, work.room->grows, work.stream, work.room->macros, &gpu->macros));
         return now->upsample && !now->macros->fine_start ? send_upsampling(work) : PLIANT_OK;
     }
