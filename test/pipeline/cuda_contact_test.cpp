@@ -141,6 +141,37 @@ void take_over(const pliant_data *from, const pliant_model *model, pliant_data *
     std::copy(from->contacts.point, from->contacts.point + count, to->contacts.point);
 }
 
+// The same, as if nothing had pressed yet: where points say nearly the same, friction has more than one end.
+void take_over_places(const pliant_data *from, const pliant_model *model, pliant_data *to)
+{
+    take_over(from, model, to);
+    for (int32_t p = 0; p < to->contacts.count; p++) std::fill_n(to->contacts.point[p].force, 3, 0.0);
+}
+
+// on nodes, not of points: of those that say the same, each may have any part
+std::vector<double> forces_on_nodes(const pliant_data *data)
+{
+    std::vector<double> forces(3 * static_cast<size_t>(data->body->fine.num_nodes));
+    pliant_data_get_contact_forces(data, forces.data());
+    return forces;
+}
+
+double most_of(const std::vector<double> &a)
+{
+    double most = 0;
+    for (double v : a) most = std::fmax(most, std::fabs(v));
+    return most;
+}
+
+double apart_of(const std::vector<double> &a, const std::vector<double> &b)
+{
+    double most = 0;
+    for (size_t n = 0; n < a.size(); n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
+    return most;
+}
+
+const double one_end = 1e-7; // of the largest force: so near the CPU comes to what it came to before, or there is nothing to compare with
+
 pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->solve(model, data);
@@ -150,42 +181,39 @@ pliant_status solve(const pliant_model *model, pliant_data *data)
 }
 
 // A step of each from the CPU's state, with the points that the CPU has found: where an edge or a face is touched hangs by a hair, and 1e-9 m in a tool's pose
-// make a difference of 3 % after ten steps on the CPU itself.
+// make a difference of 3 % after ten steps on the CPU itself. Steps count that have one end.
 TEST(CudaContact, MeetsTheCpu)
 {
     NEEDS_GPU();
     for (const Case &c : cases) {
         SCOPED_TRACE(c.name);
-        Block cpu(c, PLIANT_CPU), gpu(c, PLIANT_CUDA);
-        ASSERT_EQ(cpu.begin(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(gpu.begin(), PLIANT_OK) << pliant_last_error();
+        Block cpu(c, PLIANT_CPU), gpu(c, PLIANT_CUDA), again(c, PLIANT_CPU);
+        for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
         double force = 0, apart = 0, worst = 0, deep = 0, pulls = 0;
         int32_t most = 0, unlike = 0, compared = 0;
         for (int s = 1; s <= 11; s++) {
-            for (Block *body : {&cpu, &gpu}) {
+            for (Block *body : {&cpu, &gpu, &again}) {
                 body->move(s);
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             }
             ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
+            take_over_places(cpu.data, again.model, again.data);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
             pliant_contact_end(cpu.data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
-            if (!settles || !there_too) continue; // what opens and closes in turns
+            if (!settles || !there_too || !settles_again) continue; // what opens and closes in turns
+            const std::vector<double> here = forces_on_nodes(cpu.data), there = forces_on_nodes(gpu.data);
+            if (apart_of(here, forces_on_nodes(again.data)) > one_end * most_of(here)) continue;
             compared += a.contacts > 0;
             most = std::max(most, b.contacts);
             unlike += a.contacts != b.contacts;
             deep = std::fmax(deep, std::fabs(a.penetration - b.penetration));
             worst = std::fmax(worst, farthest(cpu.data->positions, gpu.data->positions, cpu.model->body->fine.num_nodes));
-            // on nodes, not of points: of those that say the same, each may have any part
-            std::vector<double> here(3 * static_cast<size_t>(cpu.model->body->fine.num_nodes)), there(here.size());
-            pliant_data_get_contact_forces(cpu.data, here.data());
-            pliant_data_get_contact_forces(gpu.data, there.data());
-            for (size_t n = 0; n < here.size(); n++) {
-                force = std::fmax(force, std::fabs(here[n]));
-                apart = std::fmax(apart, std::fabs(here[n] - there[n]));
-            }
+            force = std::fmax(force, most_of(here));
+            apart = std::fmax(apart, apart_of(here, there));
             for (int t = 0; t < cpu.data->num_tools; t++)
                 for (int d = 0; d < 3; d++) pulls = std::fmax(pulls, std::fabs(cpu.data->tools[t].force[d] - gpu.data->tools[t].force[d]));
         }
@@ -246,11 +274,12 @@ TEST(CudaContact, LetsGoAndTheCpuGoesOn)
     }
 }
 
-// A rod of 1 mm at 1 m/s, 20 mm a step, carries a sheet of 4 mm along: the step in which the sheet slides by it is solved again.
+// A rod of 1 mm at 1 m/s, 20 mm a step, carries a sheet of 4 mm along: the step in which the sheet slides by it is solved again, and what stands for the inverse
+// of its stiffness is made anew on the way, since that at rest leads nowhere. Of a V-cycle with elements half as wide.
 TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
 {
     NEEDS_GPU();
-    const int size[3] = {12, 12, 2}, iterations = 30;
+    const int iterations = 30;
     const double box[3] = {0.06, 0.06, 0.004}, radius = 0.0005;
     const pliant_tool_shape shape = [&] {
         pliant_tool_shape rod{};
@@ -258,15 +287,21 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
         rod.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, radius, false};
         return rod;
     }();
-    for (const pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
+    struct Run { pliant_backend_choice backend; pliant_preconditioner_choice preconditioner; int finer; };
+    for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1}, Run{PLIANT_CUDA, PLIANT_DIRECT, 1}, Run{PLIANT_CUDA, PLIANT_MULTIGRID, 2}}) {
+        const pliant_backend_choice backend = run.backend;
+        const int size[3] = {12 * run.finer, 12 * run.finer, 2 * run.finer};
         int most = 0;
+        uint64_t made = 0;
         for (const double x : {0.0275, 0.0297, 0.0319}) {
+            if (run.finer > 1 && x > 0.028) continue;
             SCOPED_TRACE(x);
             Body sheet(size, box, {{4000, 0.4, 1000, false}});
             sheet.fix_plane(0.001, 0, 0, 1, 0, 0);
             sheet.fix_plane(0.059, 0, 0, -1, 0, 0);
-            sheet.cells(6, 6, 1, 1);
+            sheet.cells(6 * run.finer, 6 * run.finer, run.finer, 1);
             sheet.scene.solver.backend = backend;
+            sheet.scene.solver.preconditioner = run.preconditioner;
             sheet.scene.solver.iterations = iterations;
             sheet.scene.solver.tolerance = 1e-4;
             sheet.scene.contact.friction = 0.3;
@@ -281,11 +316,13 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
                 most = std::max(most, static_cast<int>(sheet.data->statistics.iterations));
             }
             const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+            made += sheet.data->statistics.factors;
             std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n", pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
             EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
             EXPECT_GT(carried, 0.024);
         }
         EXPECT_GT(most, iterations + 4); // solved again
+        EXPECT_GT(made, 0u);
     }
 }
 
@@ -441,8 +478,8 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
     NEEDS_GPU();
     for (int number : {0, 1, 2}) {
         SCOPED_TRACE(cases[number].name);
-        Block cpu(cases[number], PLIANT_CPU), gpu(cases[number], PLIANT_CUDA);
-        for (Block *body : {&cpu, &gpu}) {
+        Block cpu(cases[number], PLIANT_CPU), gpu(cases[number], PLIANT_CUDA), again(cases[number], PLIANT_CPU);
+        for (Block *body : {&cpu, &gpu, &again}) {
             body->scene.cut.kind = PLIANT_CUT_SEVER;
             body->scene.solver.refresh_delay = 2;
             ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
@@ -454,34 +491,33 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
         for (int s = 1; s <= 12; s++) {
             if (s == 4) {
                 const double points[6] = {0.031, -0.01, 0.03, 0.033, 0.05, 0.03}, depth[3] = {0.001, 0, -0.019};
-                for (Block *body : {&cpu, &gpu}) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+                for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
                 ASSERT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
             }
             if (s == 11)
-                for (Block *body : {&cpu, &gpu}) ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
-            for (Block *body : {&cpu, &gpu}) {
+                for (Block *body : {&cpu, &gpu, &again}) ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
+            for (Block *body : {&cpu, &gpu, &again}) {
                 body->move(std::min(s, 7));
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             }
             ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
+            take_over_places(cpu.data, again.model, again.data);
             if (s > 3 && s < 11) searches.compare(cpu.data->body, cpu.data->positions, {0.001, 1e-3, 0.3, 0});
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
+            const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
             pliant_contact_end(cpu.data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
-            if (!settles || !there_too) continue;
+            if (!settles || !there_too || !settles_again) continue;
+            const std::vector<double> here = forces_on_nodes(cpu.data), there = forces_on_nodes(gpu.data);
+            if (apart_of(here, forces_on_nodes(again.data)) > one_end * most_of(here)) continue;
             compared++;
             carried += s >= 4 && gpu.data->statistics.factors == factors;
-            std::vector<double> here(3 * static_cast<size_t>(cpu.data->body->fine.num_nodes)), there(here.size());
-            pliant_data_get_contact_forces(cpu.data, here.data());
-            pliant_data_get_contact_forces(gpu.data, there.data());
-            for (size_t n = 0; n < here.size(); n++) {
-                force = std::fmax(force, std::fabs(here[n]));
-                apart = std::fmax(apart, std::fabs(here[n] - there[n]));
-            }
+            force = std::fmax(force, most_of(here));
+            apart = std::fmax(apart, apart_of(here, there));
         }
         std::printf("cut: %-32s %2d steps, %d of them carried over, a node's force %.1e of %.2g N apart\n", cases[number].name, compared, carried, apart / force, force);
-        EXPECT_GE(compared, 6);
+        EXPECT_GE(compared, 5);
         EXPECT_GE(carried, 1);
         EXPECT_GT(gpu.data->statistics.factors, factors); // the body's own was put to use
         EXPECT_GT(force, 0.002);
