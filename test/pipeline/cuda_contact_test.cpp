@@ -1,10 +1,8 @@
 // Contact on the GPU against the CPU's: tools that press and slide, tissue on tissue, blocks that fall. Skipped without a GPU.
 #include "../../cuda/tissue.h"
-#include "body.h"
-#include "cuda_warps.h"
+#include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/pieces.h"
-#include "pliant/memory.h"
 #include "sim/contact.h"
 
 #include <cstdio>
@@ -17,168 +15,7 @@ const pliant_tissue_searcher pliant_cuda_tissue_searcher = {nullptr, nullptr};
 
 namespace {
 
-const double h = 0.005; // of an element [m]
-
-pliant_tool_shape shape_of(pliant_part_kind kind, double size)
-{
-    pliant_tool_shape shape{};
-    shape.num_parts = 1;
-    if (kind == PLIANT_PART_SPHERE) shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, size, false};
-    else if (kind == PLIANT_PART_CAPSULE) shape.part[0] = {kind, PLIANT_FRAME_TIP, {0, -0.01, 0}, {0, 0.01, 0}, size, false};
-    else shape.part[0] = {kind, PLIANT_FRAME_TIP, {-size, -size, 0}, {size, size, 0.01}, 1e-3, false};
-    return shape;
-}
-
-struct Case {
-    const char *name;
-    pliant_method method;
-    int ratio;
-    pliant_preconditioner_choice preconditioner;
-    bool spring, slot; // a tool pulls beside; a slot is closed
-    double bound;      // of a node's force, over the largest
-    pliant_element_kind element = PLIANT_LINEAR;
-    double friction = 0.3; // with that on hexahedra, one step has two ends: from other forces to begin with, the CPU does not come to its own
-};
-
-const Case cases[] = {
-    {"fine, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6},
-    {"fine, V-cycle", PLIANT_FINE, 1, PLIANT_MULTIGRID, false, false, 1e-6},
-    {"fine, inverse, a spring beside", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 1e-6},
-    {"coarse, inverse", PLIANT_COARSE, 2, PLIANT_DIRECT, false, false, 1e-6},
-    {"averaged, inverse, a spring beside", PLIANT_AVERAGED, 2, PLIANT_DIRECT, true, false, 1e-6},
-    {"hexahedra, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, false, 1e-6, PLIANT_HEXAHEDRA, 0.15},
-    {"tissue on tissue, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, true, 1e-6},
-};
-
-// 60 x 40 x 25 mm on what is fixed, with a slot that is open on one side, or without
-struct Block : Body {
-    const Case &c;
-    Block(const Case &of, pliant_backend_choice backend)
-        : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(), {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
-               [&of](int i, int, int k) { return of.slot && k / 2 == 2 && i >= 8; }),
-          c(of)
-    {
-        fix_plane(0, 0, 1e-6, 0, 0, 1);
-        cells(12 / c.ratio, 8 / c.ratio, c.ratio == 1 ? 5 : 2, c.ratio);
-        scene.model.method = c.method;
-        scene.element.kind = c.element;
-        scene.solver.backend = backend;
-        scene.solver.preconditioner = c.preconditioner;
-        scene.solver.iterations = 400;
-        scene.solver.tolerance = 1e-10;
-        scene.contact.friction = c.friction;
-        scene.contact.self = c.slot;
-    }
-    void add(const char *name, pliant_part_kind kind, double size, double x, double y)
-    {
-        int tool = -1;
-        const double tip[3] = {x, y, 5 * h + (kind == PLIANT_PART_BOX ? 2e-3 : size + 1e-3)};
-        const pliant_tool_shape shape = shape_of(kind, size);
-        ASSERT_EQ(pliant_tool_add(model, data, name, &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
-    }
-    pliant_status begin()
-    {
-        const pliant_status status = build();
-        if (status != PLIANT_OK) return status;
-        add("ball", PLIANT_PART_SPHERE, 0.006, 0.042, 0.0212);
-        if (!c.slot) {
-            add("shaft", PLIANT_PART_CAPSULE, 0.003, 0.021, 0.0193);
-            add("pad", PLIANT_PART_BOX, 0.004, 0.0093, 0.0103);
-        }
-        if (!c.spring) return PLIANT_OK;
-        int tool;
-        const double point[3] = {12 * h, 4 * h, 4 * h};
-        pliant_tool_add(model, data, "pull", &tool);
-        data->tools[tool].stiffness = 20;
-        data->tools[tool].radius = 0.006;
-        pliant_tool_set_pose(data, tool, point, nullptr);
-        return pliant_tool_grasp(model, data, tool, nullptr);
-    }
-    pliant_status step(int s)
-    {
-        move(s);
-        return pliant_step(model, data);
-    }
-    // presses, then slides
-    void move(int s)
-    {
-        const double down = c.slot ? 0.0012 : 0.0008, along = 0.0004;
-        for (int t = 0; t < data->num_tools; t++) {
-            double tip[3];
-            std::memcpy(tip, data->tools[t].tip, sizeof tip);
-            if (data->tools[t].holding) tip[0] += 3e-4;
-            else if (s <= 7) tip[2] -= down;
-            else tip[t % 2] += along;
-            EXPECT_EQ(pliant_tool_set_pose(data, t, tip, nullptr), PLIANT_OK);
-        }
-    }
-};
-
-void forces_of(const pliant_data *data, double out[3])
-{
-    out[0] = out[1] = out[2] = 0;
-    for (int32_t p = 0; p < data->contacts.count; p++)
-        for (int d = 0; d < 3; d++) out[d] += data->contacts.point[p].force[d];
-}
-
-double farthest(const double *a, const double *b, int32_t nodes)
-{
-    double most = 0;
-    for (int32_t n = 0; n < 3 * nodes; n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
-    return most;
-}
-
-// What the CPU has found, and where it is now.
-void take_over(const pliant_data *from, const pliant_model *model, pliant_data *to)
-{
-    const size_t count = static_cast<size_t>(from->contacts.count);
-    ASSERT_EQ(pliant_data_set_positions(model, to, from->positions), PLIANT_OK);
-    pliant_free(to->contacts.point);
-    to->contacts.point = static_cast<pliant_contact_point *>(pliant_calloc(count + 1, sizeof *to->contacts.point));
-    to->contacts.count = to->contacts.room = from->contacts.count;
-    std::copy(from->contacts.point, from->contacts.point + count, to->contacts.point);
-}
-
-// The same, as if nothing had pressed yet: where points say nearly the same, friction has more than one end.
-void take_over_places(const pliant_data *from, const pliant_model *model, pliant_data *to)
-{
-    take_over(from, model, to);
-    for (int32_t p = 0; p < to->contacts.count; p++) std::fill_n(to->contacts.point[p].force, 3, 0.0);
-}
-
-// on nodes, not of points: of those that say the same, each may have any part
-std::vector<double> forces_on_nodes(const pliant_data *data)
-{
-    std::vector<double> forces(3 * static_cast<size_t>(data->body->fine.num_nodes));
-    pliant_data_get_contact_forces(data, forces.data());
-    return forces;
-}
-
-double most_of(const std::vector<double> &a)
-{
-    double most = 0;
-    for (double v : a) most = std::fmax(most, std::fabs(v));
-    return most;
-}
-
-double apart_of(const std::vector<double> &a, const std::vector<double> &b)
-{
-    double most = 0;
-    for (size_t n = 0; n < a.size(); n++) most = std::fmax(most, std::fabs(a[n] - b[n]));
-    return most;
-}
-
-const double one_end = 1e-7; // of the largest force: so near the CPU comes to what it came to before, or there is nothing to compare with
-
-pliant_status solve(const pliant_model *model, pliant_data *data)
-{
-    pliant_status status = data->backend->solve(model, data);
-    if (status >= 0 && data->backend->upsample(model, data) == PLIANT_OK && data->backend->warp(model, data) == PLIANT_OK) data->statistics.step++;
-    else ADD_FAILURE() << pliant_last_error();
-    return status;
-}
+using namespace cuda_contacts;
 
 // A step of each from the CPU's state, with the points that the CPU has found: where an edge or a face is touched hangs by a hair, and 1e-9 m in a tool's pose
 // make a difference of 3 % after ten steps on the CPU itself. Steps count that have one end.
@@ -279,46 +116,24 @@ TEST(CudaContact, LetsGoAndTheCpuGoesOn)
 TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
 {
     NEEDS_GPU();
+    struct Run { pliant_backend_choice backend; pliant_preconditioner_choice preconditioner; int finer; std::vector<double> at; };
     const int iterations = 30;
-    const double box[3] = {0.06, 0.06, 0.004}, radius = 0.0005;
-    const pliant_tool_shape shape = [&] {
-        pliant_tool_shape rod{};
-        rod.num_parts = 1;
-        rod.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, radius, false};
-        return rod;
-    }();
-    struct Run { pliant_backend_choice backend; pliant_preconditioner_choice preconditioner; int finer; };
-    for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1}, Run{PLIANT_CUDA, PLIANT_DIRECT, 1}, Run{PLIANT_CUDA, PLIANT_MULTIGRID, 2}}) {
-        const pliant_backend_choice backend = run.backend;
-        const int size[3] = {12 * run.finer, 12 * run.finer, 2 * run.finer};
+    for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}}, Run{PLIANT_CUDA, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
+                           Run{PLIANT_CUDA, PLIANT_MULTIGRID, 2, {0.0275}}}) {
         int most = 0;
         uint64_t made = 0;
-        for (const double x : {0.0275, 0.0297, 0.0319}) {
-            if (run.finer > 1 && x > 0.028) continue;
+        for (const double x : run.at) {
             SCOPED_TRACE(x);
-            Body sheet(size, box, {{4000, 0.4, 1000, false}});
-            sheet.fix_plane(0.001, 0, 0, 1, 0, 0);
-            sheet.fix_plane(0.059, 0, 0, -1, 0, 0);
-            sheet.cells(6 * run.finer, 6 * run.finer, run.finer, 1);
-            sheet.scene.solver.backend = backend;
-            sheet.scene.solver.preconditioner = run.preconditioner;
-            sheet.scene.solver.iterations = iterations;
-            sheet.scene.solver.tolerance = 1e-4;
-            sheet.scene.contact.friction = 0.3;
-            ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
-            int tool = -1;
-            ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "rod", &tool), PLIANT_OK);
-            ASSERT_EQ(pliant_tool_set_shape(sheet.data, tool, &shape), PLIANT_OK) << pliant_last_error();
+            Sheet sheet(run.backend, run.preconditioner, run.finer, iterations);
+            ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
             for (int s = 0; s < 6; s++) {
-                const double tip[3] = {x, 0.03, 0.016 + radius - 0.02 * std::min(s, 2)};
-                ASSERT_EQ(pliant_tool_set_pose(sheet.data, tool, tip, nullptr), PLIANT_OK);
-                ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+                ASSERT_GE(sheet.step(s, x), 0) << pliant_last_error();
                 most = std::max(most, static_cast<int>(sheet.data->statistics.iterations));
             }
-            const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
             made += sheet.data->statistics.factors;
+            const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
             std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n", pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
-            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), run.backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
             EXPECT_GT(carried, 0.024);
         }
         EXPECT_GT(most, iterations + 4); // solved again
@@ -646,6 +461,11 @@ TEST(CudaContact, EveryKernelOnce)
     for (int s = 0; s < 8; s++) ASSERT_GE(pliant_step(drop.model, drop.data), 0) << pliant_last_error();
     EXPECT_STREQ(pliant_data_get_backend(drop.data), "cuda") << pliant_last_error();
     EXPECT_GT(drop.data->statistics.contacts, 0);
+    Sheet sheet(PLIANT_CUDA, PLIANT_MULTIGRID, 2, 3);
+    ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
+    for (int s = 0; s < 3; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();
+    EXPECT_GT(sheet.data->statistics.factors, 0u); // of a state
     for (bool still : {false, true}) {
         Fall body(1, true, still, PLIANT_CUDA);
         body.scene.tled.relaxation_steps = 64;
