@@ -16,6 +16,9 @@ pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data);
  * @param tool -1: of pliant_data_cut; @param report out. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT. */
 pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
+/* rehearse.c: what a first cut asks for is there afterwards, as far as it can be had, and nothing else is another. */
+void pliant_rehearse_cut(const pliant_model *model, pliant_data *data);
+
 /* Nothing can be undone any more. */
 void pliant_undo_clear(pliant_data *data);
 

@@ -63,6 +63,7 @@ pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data,
     }
     pliant_warp_free(data->warp);
     data->warp = warp;
+    if (warp && pliant_warp_accelerated(warp)) pliant_rehearse_cut(model, data); /* steps are short enough there for it to be felt */
     return PLIANT_OK;
 }
 

@@ -9,7 +9,7 @@
 #include <omp.h>
 
 /* Tetrahedra that are looked at anew, for a thread to be worth waking. */
-enum { LEAST_BOXES = 4 };
+enum { LEAST_BOXES = 8 };
 
 typedef struct parts_work {
     const pliant_body *body;
