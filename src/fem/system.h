@@ -244,6 +244,8 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
 /* of the stiffness of a corner's cube the column of blocks of that corner: blocks (corners of the cube x 9) */
 void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks);
 double pliant_macro_operations(const pliant_system *system); /* of that */
+/* y = y + K x, on all nodes, by one thread */
+void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *tangents, const double *x, double *y);
 double pliant_macro_mean_diagonal(const pliant_system *system); /* finds what is not known of its trace */
 /* what an element adds to the diagonal's sum */
 double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element);

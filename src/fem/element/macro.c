@@ -101,6 +101,24 @@ void pliant_macro_tangents(const pliant_system *system, const double *positions,
     }
 }
 
+void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *tangents, const double *x, double *y)
+{
+    const pliant_macros *macros = system->macros;
+    for (int32_t e = 0; e < macros->count; e++) {
+        const int32_t begin = macros->start[e], n = 3 * (macros->start[e + 1] - begin), *node = macros->node + begin;
+        double r[9], back[9], q[3 * PLIANT_MAX_CORNERS], f[3 * PLIANT_MAX_CORNERS];
+        if (macros->rank[e] == 0) continue;
+        for (int m = 0; m < 9; m++) back[3 * (m % 3) + m / 3] = r[m] = tangents[e / LANES].rotation[m][e % LANES];
+        for (int32_t i = 0; i < n; i += 3) pliant_macro_turn(back, x + 3 * node[i / 3], q + i);
+        apply_root(macros->rank[e], n, macros->root[e], q, f);
+        for (int32_t i = 0; i < n; i += 3) {
+            double force[3];
+            pliant_macro_turn(r, f + i, force);
+            for (int d = 0; d < 3; d++) y[3 * node[i / 3] + d] += force[d];
+        }
+    }
+}
+
 /* ---- the matrix */
 
 static pliant_status list_corners(pliant_system *system)

@@ -1,6 +1,7 @@
 #include "fem/linear/subdomain.h"
 
 #include "base/fail.h"
+#include "base/room.h"
 #include "pliant/memory.h"
 
 #include <string.h>
@@ -14,7 +15,7 @@ void pliant_subdomain_free(pliant_subdomain *subdomain)
     pliant_free(subdomain->mesh.rest);
     pliant_free(subdomain->mesh.tets);
     pliant_free(subdomain->unknown);
-    pliant_free(subdomain->start);
+    pliant_free(subdomain->tangents);
     pliant_free(subdomain->stiffness);
     pliant_free(subdomain->axes);
     pliant_factor_free(subdomain->factor);
@@ -136,32 +137,26 @@ static pliant_status find_numbers(const builder *build, const double *positions,
     pliant_subdomain *made = build->made;
     const pliant_system *system = &made->system;
     const size_t nodes = (size_t)made->mesh.num_nodes;
-    pliant_tangent *tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
+    pliant_tangent *tangents = made->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
+    const bool tets = !system->macros;
     made->x = pliant_calloc(nodes, 3 * sizeof *made->x);
     made->y = pliant_calloc(nodes, 3 * sizeof *made->y);
     made->inner = pliant_calloc((size_t)system->num_free, 3 * sizeof *made->inner);
-    if ((made->start = pliant_calloc((size_t)made->num_elements + 1, sizeof *made->start)))
-        for (int32_t e = 0; e < made->num_elements; e++) {
-            const int64_t n = 3 * (int64_t)(pliant_element_begin(system, e + 1) - pliant_element_begin(system, e));
-            made->start[e + 1] = made->start[e] + n * n;
-        }
-    if (made->start) made->stiffness = pliant_calloc((size_t)made->start[made->num_elements], sizeof *made->stiffness);
+    if (tets) made->stiffness = pliant_room((size_t)made->num_elements, 144 * sizeof *made->stiffness);
     made->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *made->values);
     if (axes) made->axes = pliant_calloc(nodes, 9 * sizeof *made->axes);
-    pliant_status status = tangents && made->x && made->y && made->inner && made->stiffness && made->values && (!axes || made->axes) ? PLIANT_OK : no_memory();
+    pliant_status status = tangents && made->x && made->y && made->inner && (made->stiffness || !tets) && made->values && (!axes || made->axes) ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) {
         for (int32_t n = 0; n < build->whole->mesh->num_nodes; n++)
             if (build->node[n] >= 0) memcpy(made->x + 3 * build->node[n], positions + 3 * n, 3 * sizeof *made->x);
         for (size_t n = 0; axes && n < nodes; n++)
             if (made->unknown[n] >= 0) memcpy(made->axes + 9 * n, axes + 9 * (size_t)made->unknown[n], 9 * sizeof *axes);
         pliant_system_tangents(system, made->x, PLIANT_TWIST_POSITIVE, tangents);
-        for (int32_t e = 0; e < made->num_elements; e++) pliant_system_element(system, tangents, e, made->stiffness + made->start[e]);
+        for (int32_t e = 0; tets && e < made->num_elements; e++) pliant_system_element(system, tangents, e, made->stiffness + 144 * (size_t)e);
         pliant_system_assemble(system, tangents, made->values);
         status = pliant_factor_analyze(&system->pattern, &made->factor);
     }
-    if (status == PLIANT_OK) status = factorize(made);
-    pliant_free(tangents);
-    return status;
+    return status == PLIANT_OK ? factorize(made) : status;
 }
 
 pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
@@ -211,14 +206,15 @@ static void multiply(pliant_subdomain *subdomain)
 {
     const pliant_system *system = &subdomain->system;
     memset(subdomain->y, 0, 3 * (size_t)subdomain->mesh.num_nodes * sizeof *subdomain->y);
-    for (int32_t e = 0; e < subdomain->num_elements; e++) {
-        const double *k = subdomain->stiffness + subdomain->start[e];
-        const int32_t begin = pliant_element_begin(system, e), n = 3 * (pliant_element_begin(system, e + 1) - begin), *nodes = pliant_element_nodes(system) + begin;
-        double x[PLIANT_ELEMENT_UNKNOWNS];
-        for (int m = 0; m < n; m++) x[m] = subdomain->x[3 * nodes[m / 3] + m % 3];
-        for (int i = 0; i < n; i++) {
+    if (system->macros) pliant_macro_multiply(system, subdomain->tangents, subdomain->x, subdomain->y);
+    for (int32_t e = 0; !system->macros && e < subdomain->num_elements; e++) {
+        const double *k = subdomain->stiffness + 144 * (size_t)e;
+        const int32_t *nodes = system->mesh->tets + 4 * (size_t)e;
+        double x[12];
+        for (int m = 0; m < 12; m++) x[m] = subdomain->x[3 * nodes[m / 3] + m % 3];
+        for (int i = 0; i < 12; i++) {
             double sum = 0;
-            for (int j = 0; j < n; j++) sum += k[n * i + j] * x[j];
+            for (int j = 0; j < 12; j++) sum += k[12 * i + j] * x[j];
             subdomain->y[3 * nodes[i / 3] + i % 3] += sum;
         }
     }

@@ -14,8 +14,8 @@ typedef struct pliant_subdomain {
     pliant_system system;     /* of it; its unknowns are the inner ones */
     int32_t *unknown;         /* (mesh.num_nodes) of the whole, or -1 */
     int32_t num_elements;
-    int64_t *start;           /* (num_elements + 1) into the stiffness */
-    double *stiffness;        /* of every element, (3 corners x 3 corners) */
+    pliant_tangent *tangents; /* (system.num_blocks) */
+    double *stiffness;        /* of every tetrahedron, (12 x 12); NULL: macro-elements, which have theirs */
     double *axes;             /* (mesh.num_nodes x 9) Nullable: of the nodes, when it was made; the whole's vectors are in these */
     pliant_factor *factor;
     double *values;           /* (pattern.num_values) */
