@@ -93,6 +93,48 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
     }
 }
 
+// A ball of bone with nodes moved onto it, beside and in cubes that a cut refines: it goes on moving, to where all forces are balanced.
+TEST(Adapt, NodesOnBoneBesideRefinedCubes)
+{
+    for (const Case *each : {&averaged, &averaged_hexahedra, &coarse_hexahedra}) {
+        Body body(size, box, {{4000, 0.4, 1000, false}, {4000, 0.4, 1000, false}}, [](int i, int j, int k) {
+            const double x[3] = {i - 9.3, j - 7.6, k - 6.2};
+            return x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 22;
+        });
+        body.table.materials[1].fixed = true;
+        body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        body.cells(8, 8, 8, 1);
+        body.scene.model.gravity[0] = 2;
+        each->set(body.scene);
+        body.scene.mesh.bone_surface = true;
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_GT(body.model->body->fine.num_moved, 0);
+        step(body, 2);
+        std::vector<int8_t> sides;
+        for (double z : {0.13, 0.11}) {
+            const pliant_body *next = sever_plane(body.data->body, body.data->last_revision + 1, {{0.03, 0.08, 0.08}, {1, 0.1, 0.07}}, [z](const double *x) { return x[2] > z; }, &sides);
+            ASSERT_TRUE(next) << pliant_last_error();
+            ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
+            pliant_body_release(next);
+            step(body, 3);
+        }
+        const pliant_system *system = body.data->discretization->system;
+        int32_t grounded = 0, turn = 0;
+        for (int32_t e = system->graded->num_base; e < system->macros->count; e++) (system->macros->grounded[e] ? grounded : turn) += system->macros->rank[e] > 0;
+        std::printf("%s: of the fine elements %d turn, %d do not\n", each->name, turn, grounded);
+        EXPECT_GT(turn, 0) << each->name;
+        EXPECT_EQ(grounded > 0, each != &averaged) << each->name; // those with more than eight nodes
+        ASSERT_EQ(pliant_data_set_limits(body.data, 200, 1e-9), PLIANT_OK);
+        step(body, 20);
+        double most = 0;
+        const pliant_mesh &mesh = body.data->body->fine;
+        for (int32_t i = 0; i < 3 * mesh.num_nodes; i++) most = std::fmax(most, std::fabs(body.data->positions[i] - mesh.rest[i]));
+        EXPECT_GT(most, 1e-3) << each->name;
+        EXPECT_LT(most, 0.08) << each->name;
+        EXPECT_LT(body.data->statistics.residual, 1e-6) << each->name;
+    }
+}
+
 TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
 {
     std::unique_ptr<Body> body = make(direct);
