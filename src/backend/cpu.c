@@ -33,7 +33,10 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     data->solver->background = &data->background;
     pliant_status status = pliant_push(data);
     if (status != PLIANT_OK) return status;
-    return pliant_solver_step(data->solver, &data->statistics);
+    const double start = data->solver->clock(data->solver->clock_user);
+    status = pliant_solver_step(data->solver, &data->statistics);
+    data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
+    return status;
 }
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)

@@ -8,6 +8,7 @@
 static const double sag_of_size = 0.02, sag_of_depth = 0.1, most_sag = 5e-5;
 static const double still_deep = 1e-4; /* [m] beyond a point of the last step: it holds on */
 static const double turns_away = 0.5; /* cosine of how far a part may turn with tissue before it: beyond, that slips off it */
+static const double comes_by = 0.3; /* cosine of how far the nearest normal of a part may turn in a step by which it does not meet tissue: beyond, it has gone past it */
 static const double aslant = -0.7; /* cosine likewise, above which a part that is deepest in the middle of a triangle meets it with an edge or a corner */
 static const double deep = 0.3, same_way = 0.7; /* of a part's depth, below which another side may be nearer than that which tissue came in by; cosine between the two */
 static const double behind = 0.25; /* cosine between the part's normal and the tissue's, beyond which the part is behind the surface */
@@ -237,7 +238,8 @@ static bool meet(const pliant_search *on, pliant_feature *of, int32_t p, double 
     return true;
 }
 
-/* Whether the part was on another side of the feature as the step began, and has come by without meeting it: what it pushes it will take along. */
+/* Whether the part was on another side of the feature as the step began, by more than 70 degrees, and has come by without meeting it: what it pushes it will
+ * take along, and where it is then is for what follows both (passed.c). */
 static bool has_come_by(const pliant_search *on, const pliant_feature *of, const double normal[3])
 {
     const pliant_pose *begin = on->part->pose, *end = begin + on->part->num_poses - 1;
@@ -246,7 +248,7 @@ static bool has_come_by(const pliant_search *on, const pliant_feature *of, const
     pliant_search_distance(on, &then, begin, 0, INFINITY, before);
     pliant_pose_turn(begin, before, world[0]);
     pliant_pose_turn(end, normal, world[1]);
-    return dot(world[0], world[1]) < 0;
+    return dot(world[0], world[1]) < comes_by;
 }
 
 /* Conservative advancement: the part goes on by what it cannot reach the feature in, at least one pose. */

@@ -87,6 +87,11 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
 
 static double distance(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
+bool pliant_contact_goes_on(const pliant_model *model, const pliant_tool *tool)
+{
+    return tool->present && tool->last.known && distance(tool->tip, tool->last.tip) <= fastest * model->scene.solver.step;
+}
+
 static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
 {
     const int32_t room = search->num_poses + more;
@@ -98,19 +103,27 @@ static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
     return PLIANT_OK;
 }
 
+/* in this step, or in this part of it [m] */
+static double recovered(const pliant_model *model, const pliant_data *data) { return recovery * model->scene.solver.step / data->parts; }
+
+/* How far no point of it goes beyond in this step [m] */
+static double way_of(const pliant_tool *tool, const pliant_part *part)
+{
+    const double origin[3] = {0, 0, 0}, turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(tool->jaw - tool->last.jaw);
+    return distance(tool->tip, tool->last.tip) + turn * pliant_part_reach(part, tool->shape.joint) +
+           pliant_rotation_angle(tool->last.rotation, tool->rotation) * pliant_part_reach(part, origin);
+}
+
 /* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in.
  * tissue_way: how far the tissue goes at the same time */
-static pliant_status add_part(pliant_contact_search *search, const pliant_tool *tool, int t, int32_t p, double tissue_way, double step, double friction)
+static pliant_status add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p, double tissue_way)
 {
+    pliant_contact_search *search = data->contact_search;
+    const pliant_tool *tool = data->tools + t;
     const pliant_part *part = tool->shape.part + p;
-    const double origin[3] = {0, 0, 0};
-    const bool goes_on = tool->last.known && distance(tool->tip, tool->last.tip) <= fastest * step;
+    const bool goes_on = pliant_contact_goes_on(model, tool);
     double way = tissue_way;
-    if (goes_on) {
-        const double turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(tool->jaw - tool->last.jaw);
-        way += distance(tool->tip, tool->last.tip) + turn * pliant_part_reach(part, tool->shape.joint) +
-              pliant_rotation_angle(tool->last.rotation, tool->rotation) * pliant_part_reach(part, origin);
-    }
+    if (goes_on) way += way_of(tool, part);
     const double steps = ceil(way / (0.5 * pliant_part_depth(part)));
     const int32_t poses = way > 0 ? 1 + (int32_t)fmin(fmax(steps, 1), MOST_POSES) : 1;
     pliant_status status = reserve_poses(search, poses);
@@ -130,8 +143,8 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
     }
     search->first[search->num_parts] = search->num_poses;
     search->part[search->num_parts++] = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = friction, .num_poses = poses,
-        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovery * step, .remembers = goes_on || tissue_way > 0,
+        .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .num_poses = poses,
+        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovered(model, data), .remembers = goes_on || tissue_way > 0,
         .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held,
     };
     search->num_poses += poses;
@@ -139,24 +152,25 @@ static pliant_status add_part(pliant_contact_search *search, const pliant_tool *
 }
 
 /* What stands still. */
-static pliant_status add_obstacle(pliant_contact_search *search, const pliant_part *part, int32_t index, double tissue_way, double step, double friction)
+static pliant_status add_obstacle(const pliant_model *model, const pliant_data *data, const pliant_part *part, int32_t index, double tissue_way)
 {
+    pliant_contact_search *search = data->contact_search;
     const int32_t poses = tissue_way > 0 ? 1 + (int32_t)fmin(fmax(ceil(tissue_way / (0.5 * pliant_part_depth(part))), 1), MOST_POSES) : 1;
     pliant_status status = reserve_poses(search, poses);
     if (status != PLIANT_OK) return status;
     search->first[search->num_parts] = search->num_poses;
     for (int32_t n = 0; n < poses; n++) search->pose[search->num_poses++] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     search->part[search->num_parts++] = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = friction, .num_poses = poses,
-        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = base_margin + tissue_way, .recovery = recovery * step, .remembers = true,
+        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .num_poses = poses,
+        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = base_margin + tissue_way, .recovery = recovered(model, data), .remembers = true,
     };
     return PLIANT_OK;
 }
 
-static pliant_status add_obstacles(const pliant_model *model, pliant_contact_search *search, double tissue_way)
+static pliant_status add_obstacles(const pliant_model *model, const pliant_data *data, double tissue_way)
 {
-    const pliant_scene *scene = &model->scene;
-    const pliant_regions *regions = &scene->obstacles;
+    pliant_contact_search *search = data->contact_search;
+    const pliant_regions *regions = &model->scene.obstacles;
     pliant_status status = PLIANT_OK;
     int32_t count = 0;
     for (uint32_t b = 0; b < regions->num_boxes; b++) {
@@ -172,7 +186,7 @@ static pliant_status add_obstacles(const pliant_model *model, pliant_contact_sea
         memcpy(part->to, regions->planes[p].normal, sizeof part->to);
     }
     for (int32_t n = 0; n < count + model->obstacles.num_parts && status == PLIANT_OK; n++)
-        status = add_obstacle(search, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, tissue_way, scene->solver.step, scene->contact.friction);
+        status = add_obstacle(model, data, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, tissue_way);
     return status;
 }
 
@@ -185,10 +199,9 @@ static pliant_status gather_parts(const pliant_model *model, pliant_data *data, 
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
         for (int32_t p = 0; tool->present && p < tool->shape.num_parts && status == PLIANT_OK; p++)
-            if (!(tool->shape.part[p].cuts && tool->blade.cutting))
-                status = add_part(search, tool, t, p, tissue_way, model->scene.solver.step, model->scene.contact.friction);
+            if (!(tool->shape.part[p].cuts && tool->blade.cutting)) status = add_part(model, data, t, p, tissue_way);
     }
-    if (status == PLIANT_OK) status = add_obstacles(model, search, tissue_way);
+    if (status == PLIANT_OK) status = add_obstacles(model, data, tissue_way);
     for (int32_t p = 0; p < search->num_parts; p++) search->part[p].pose = search->pose + search->first[p];
     return status;
 }
@@ -262,7 +275,7 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     pliant_tissue *tissue = &data->contact_search->tissue;
     const pliant_outside *outside = touches_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
-    const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovery * model->scene.solver.step,
+    const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovered(model, data),
                                      .friction = model->scene.contact.friction, .pieces_go = pieces_go};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
@@ -312,6 +325,17 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     data->contacts = search->made;
     search->made = before;
     return PLIANT_OK;
+}
+
+bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
+{
+    const double *cell = data->body->fine.cell_size, far = 0.5 * fmax(fmax(cell[0], cell[1]), cell[2]);
+    bool any = false;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        for (int32_t p = 0; p < tool->shape.num_parts && !any && pliant_contact_goes_on(model, tool); p++) any = way_of(tool, tool->shape.part + p) > far;
+    }
+    return any;
 }
 
 /* ---- once a step is solved */
@@ -436,7 +460,11 @@ void pliant_contact_forget(pliant_data *data)
 
 pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
 {
-    if (!from->contact_search) return PLIANT_OK;
+    to->contacts.count = 0;
+    if (!from->contact_search) {
+        pliant_contact_forget(to);
+        return PLIANT_OK;
+    }
     pliant_status status = begin(to);
     if (status == PLIANT_OK && from->contacts.count > 0) status = pliant_contacts_reserve(&to->contacts, from->contacts.count);
     if (status == PLIANT_OK) status = pliant_finder_copy(from->contact_search->finder, to->contact_search->finder);

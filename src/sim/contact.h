@@ -10,6 +10,10 @@ extern "C" {
 
 /* The points of this step; what was in touch in the last one goes on. Errors: MEMORY (those of the last step stay) */
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data);
+/* Whether the tool goes on from where it was in the last step: it was there, and has not jumped. */
+bool pliant_contact_goes_on(const pliant_model *model, const pliant_tool *tool);
+/* Whether any tool with a shape goes further in this step than half of an element. */
+bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data);
 /* Whether there are parts that tissue may pass in this step: pliant_contact_passed has to be asked. */
 bool pliant_contact_may_pass(const pliant_data *data);
 /* A quasi-static step is solved, and its positions are the host's: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points now, with which it is solved

@@ -9,6 +9,7 @@
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "sim/contact.h"
+#include "sim/substeps.h"
 #include "sim/cut.h"
 #include "sim/discretization.h"
 
@@ -62,6 +63,7 @@ void pliant_data_free(pliant_data *data)
     pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
     pliant_contact_free(data);
+    pliant_substeps_free(data);
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);

@@ -4,11 +4,13 @@
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
+#include "fem/quasistatic/solver.h"
 #include "interact/blade.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
+#include "sim/substeps.h"
 #include "warp/device.h"
 
 #include <math.h>
@@ -114,20 +116,33 @@ static pliant_status place(const pliant_model *model, pliant_data *data, bool up
     return status;
 }
 
-/* The solve and upsample of a step once more, with the points of what has passed a tool. Of what is made in the background, only what is planned for
- * this step may come in between. A step that waits for nothing or has a budget takes one more of them at most.
- * Where solving again fails, the step stays as it was solved. Errors: UNAVAILABLE. */
-static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_status first)
+/* From here on only what is planned for this step of what is made in the background may come in: a step that waits for nothing tells what it took as a whole. */
+static void take_no_more(pliant_data *data)
+{
+    if (data->background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
+}
+
+/* Whether what a step was solved again to is no good, and it can be taken in more parts than it is. */
+static bool goes_wrong(const pliant_model *model, pliant_data *data, const pliant_substeps *parts)
+{
+    if (!pliant_substeps_can_be_more(data, parts)) return false;
+    return pliant_substeps_turned(data) || pliant_contact_passed(model, data);
+}
+
+/* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool. A step that waits for nothing takes one more of
+ * them at most, one with a budget no more than there is time for. Where solving again fails, the step stays as it was solved.
+ * *wrong: tissue still gets by, or is inside out. Errors: UNAVAILABLE. */
+static pliant_status solve_again(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, pliant_status first, bool *wrong)
 {
     enum { MOST = 6 };
+    const int most = data->background.kind != PLIANT_BACKGROUND_PLANNED ? 1 : MOST;
+    int again = 0;
     if (!pliant_contact_may_pass(data)) return first;
-    const pliant_background background = data->background;
-    const int most = background.kind != PLIANT_BACKGROUND_PLANNED || model->scene.solver.budget_ms > 0 ? 1 : MOST;
     pliant_status status = place(model, data, false);
     if (status < 0) return status;
     status = first;
-    if (background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = background.taken};
-    for (int again = 0; again < most && status >= 0 && pliant_contact_passed(model, data); again++) {
+    take_no_more(data);
+    for (; again < most && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data); again++) {
         const double start = pliant_seconds();
         const int32_t iterations = data->statistics.iterations;
         status = data->backend->solve(model, data);
@@ -140,35 +155,68 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
         const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
         if (placed < 0) status = placed;
     }
-    data->background.kind = background.kind;
-    data->background.prescribed = background.prescribed;
+    *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
     return status;
 }
 
-pliant_status pliant_step(const pliant_model *model, pliant_data *data)
+/* One stage, timed. goes_on: it was run in this step before */
+static pliant_status run_stage(const pliant_model *model, pliant_data *data, int stage, bool goes_on)
 {
-    pliant_status caveat = PLIANT_OK;
-    data->background.taken = 0;
+    const pliant_backend *backend = data->backend;
+    pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
+    _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
+    const double start = pliant_seconds();
+    const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model));
+    const int32_t iterations = data->statistics.iterations;
+    const pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near something, and that contact is the CPU's") : stages[stage](model, data);
+    data->statistics.seconds[stage] = pliant_seconds() - start + (goes_on ? data->statistics.seconds[stage] : 0);
+    if (stage == PLIANT_STEP_solve && goes_on) data->statistics.iterations += iterations;
+    return status;
+}
+
+/* The stages in their order; contact, solve and upsample once for each part that the step is taken in. */
+static pliant_status run_stages(const pliant_model *model, pliant_data *data, pliant_substeps *parts, pliant_status *caveat)
+{
+    const pliant_background background = data->background;
+    bool whole = true;
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
-        pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
-        _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
-        double start = pliant_seconds();
-        const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model));
-        pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near something, and that contact is the CPU's") : stages[stage](model, data);
-        data->statistics.seconds[stage] = pliant_seconds() - start;
-        if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, caveat)) >= 0) caveat = status;
+        if (stage == PLIANT_STEP_contact && parts->at == 0) pliant_substeps_begin(model, data, parts);
+        bool wrong = false;
+        const bool goes_on = !whole && stage >= PLIANT_STEP_contact && stage <= PLIANT_STEP_upsample;
+        if (goes_on) take_no_more(data);
+        pliant_status status = run_stage(model, data, stage, goes_on);
+        if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, parts, *caveat, &wrong)) >= 0) *caveat = status;
+        data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
         /* the first stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_fall_back(model, data, status)) {
             bool on_host = backend->solves_on_host || (stage == PLIANT_STEP_warp && (pliant_host_moves(data) || pliant_contact_may_pass(data))); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
         }
-        if (status < 0) {
-            data->statistics.failed++;
-            return status;
+        if (status < 0) return status;
+        if (status > 0) *caveat = status;
+        if (stage != PLIANT_STEP_upsample) continue;
+        if (wrong && (status = pliant_substeps_again(model, data, parts)) < 0) return status;
+        if (wrong || pliant_substeps_next(model, data, parts)) {
+            whole = false;
+            *caveat = PLIANT_OK; /* that of the last part counts */
+            stage = PLIANT_STEP_contact - 1;
         }
-        if (status > 0) caveat = status;
+    }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_step(const pliant_model *model, pliant_data *data)
+{
+    pliant_status caveat = PLIANT_OK;
+    pliant_substeps parts = {.at = 0};
+    data->background.taken = 0;
+    const pliant_status status = run_stages(model, data, &parts, &caveat);
+    if (status < 0) {
+        pliant_substeps_undo(model, data, &parts);
+        data->statistics.failed++;
+        return status;
     }
     const uint32_t missing = data->background.prescribed & ~data->background.taken;
     if (missing)

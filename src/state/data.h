@@ -122,6 +122,8 @@ struct pliant_data {
     /* CONTACT, SOLVE */
     pliant_contact_search *contact_search; /* Nullable: there was nothing to touch yet */
     pliant_contacts contacts; /* of this step: points by who finds them, forces by who solves */
+    int32_t parts;            /* that this step is taken in; each has its points (sim/substeps.h) */
+    struct pliant_step_begin *step_begin; /* Nullable: what the last step began with in which a tool went far (sim/substeps.c) */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */
     pliant_tled *tled;        /* Nullable: solver/kind tled */

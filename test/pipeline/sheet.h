@@ -81,6 +81,36 @@ struct Sheet : Body {
                 }
         return -least;
     }
+    // elements that are inside out
+    int turned() const
+    {
+        int count = 0;
+        for (int32_t t = 0; t < data->body->fine.num_tets; t++) {
+            double edge[3][3], volume = 0;
+            const int32_t *node = data->body->fine.tets + 4 * t;
+            for (int v = 0; v < 3; v++)
+                for (int d = 0; d < 3; d++) edge[v][d] = data->positions[3 * node[v + 1] + d] - data->positions[3 * node[0] + d];
+            for (int d = 0; d < 3; d++) volume += edge[0][d] * (edge[1][(d + 1) % 3] * edge[2][(d + 2) % 3] - edge[1][(d + 2) % 3] * edge[2][(d + 1) % 3]);
+            count += volume <= 0;
+        }
+        return count;
+    }
+    // whether a tool is in one of the two sides that are fixed
+    bool is_in_what_is_held(int index) const
+    {
+        const pliant_tool &tool = data->tools[index];
+        const pliant_body *body = data->body;
+        pliant_pose pose;
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
+        for (int32_t t = 0; t < body->num_triangles; t++) {
+            const int32_t *node = body->triangles + 3 * t;
+            double corner[3][3], weight[3], normal[3];
+            if (!body->fine_fixed[node[0]] || !body->fine_fixed[node[1]] || !body->fine_fixed[node[2]]) continue;
+            for (int v = 0; v < 3; v++) pliant_pose_from(&pose, body->fine.rest + 3 * node[v], corner[v]);
+            if (pliant_face_minimum(&tool.shape.part[0], corner, 0, weight, normal) < 0) return true;
+        }
+        return false;
+    }
     // points along the middle of a tool's only part that lie in tissue
     int middles_inside(int index) const
     {

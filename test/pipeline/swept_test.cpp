@@ -2,31 +2,62 @@
 #include "sheet.h"
 #include "solids.h"
 
+#include "pliant/memory.h"
+
 #include <cstdlib>
 #include <random>
+#include <vector>
 
 namespace {
 
-// A tool that is swept into the sheet at 1 m/s, 20 mm a step, and stops there.
+// Of steps: until they are solved, within a budget, or live.
+struct Mode {
+    double budget_ms = 0;
+    bool live = false;
+};
+
+// A tool and its way into the sheet.
+struct Way {
+    pliant_part part;
+    double from[3], way[3], rotation[4], friction;
+    double beyond; // the sheet's middle [m]
+    int steps() const { return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / 0.02)); }
+};
+
+// What comes of it at 1 m/s, 20 mm a step, and four steps of rest.
 struct Swept {
     double deepest, carried; // of points of the surface in the tool; the farthest that a node has gone
     int inside;              // points of the tool's middle that lie in a tetrahedron
+    int turned;              // elements that are inside out
+    bool meets_held;         // on its way it is in a side of the sheet that is held where it is: tissue cannot make way there, whatever is done
 };
 
-Swept sweep(const pliant_part &part, const double from[3], const double way[3], const double *rotation, double friction, double budget_ms = 0)
+void move(Sheet &sheet, int tool, const Way &on, int step)
 {
-    Sheet sheet(1, friction, budget_ms);
+    const double share = std::min(1.0, static_cast<double>(step) / on.steps());
+    sheet.move(tool, on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2], on.rotation);
+}
+
+pliant_tool_shape shape_of(const pliant_part &part)
+{
     pliant_tool_shape shape{};
     shape.num_parts = 1;
     shape.part[0] = part;
-    const int tool = sheet.add("tool", shape, from[0], from[1], from[2]);
-    const int steps = static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / 0.02));
-    for (int step = 0; step < steps + 4; step++) {
-        const double share = std::min(1.0, static_cast<double>(step) / steps);
-        sheet.move(tool, from[0] + share * way[0], from[1] + share * way[1], from[2] + share * way[2], rotation);
+    return shape;
+}
+
+Swept sweep(const Way &on, Mode mode = {})
+{
+    Sheet sheet(1, on.friction, mode.budget_ms);
+    const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
+    bool meets_held = false;
+    if (mode.live) EXPECT_EQ(pliant_data_set_background(sheet.data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
+    for (int step = 0; step < on.steps() + 4; step++) {
+        move(sheet, tool, on, step);
+        meets_held = meets_held || sheet.is_in_what_is_held(tool);
         EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
     }
-    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool)};
+    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), sheet.turned(), meets_held};
 }
 
 // A thin and a thick rod carry the sheet along that they would jump over, wherever between its nodes they meet it, and however little holds it on them.
@@ -35,7 +66,7 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
     for (const double radius : {0.0042, 0.0005})
         for (int place = 0; place < (radius < 0.001 ? 11 : 2); place++) {
             const double side = place % 2 ? -1 : 1, from[3] = {0.0253 + 0.001 * place, 0.03, side > 0 ? 0.016 + radius : -0.012 - radius}, way[3] = {0, 0, -0.04 * side};
-            const Swept swept = sweep(rod(radius).part[0], from, way, nullptr, place % 3 ? 0.08 : 0.3);
+            const Swept swept = sweep({rod(radius).part[0], {from[0], from[1], from[2]}, {way[0], way[1], way[2]}, {0, 0, 0, 1}, place % 3 ? 0.08 : 0.3, 0});
             EXPECT_GT(swept.carried, 0.024) << radius << " at " << from[0];
             EXPECT_LT(swept.deepest, 1e-4) << radius << " at " << from[0];
             EXPECT_EQ(swept.inside, 0) << radius << " at " << from[0];
@@ -48,48 +79,152 @@ int number_from(const char *name, int otherwise)
     return asked ? std::atoi(asked) : otherwise;
 }
 
-// Whatever it is, wherever it goes. PLIANT_SWEEPS: as many, in place of 14; PLIANT_SWEEPS_FIRST: without as many at first; PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms.
-TEST(Swept, NothingIsSweptThroughTheSheet)
-{
-    const int sweeps = number_from("PLIANT_SWEEPS", 14), first = number_from("PLIANT_SWEEPS_FIRST", 0), budget = number_from("PLIANT_SWEEPS_BUDGET", 0);
-    pliant_solid *solid[2];
-    for (const bool convex : {false, true}) {
-        pliant_solid_options options{};
-        options.convex = convex;
-        options.resolution = 3e-4;
-        ASSERT_EQ(rod_surface(0.0008, 0.02).make(options, &solid[convex]), PLIANT_OK) << pliant_last_error();
+// Needles, rods, balls, blades, and rods with flat ends as fields and as hulls, as they come.
+class Sweeps {
+public:
+    Sweeps()
+    {
+        for (const bool convex : {false, true}) {
+            pliant_solid_options options{};
+            options.convex = convex;
+            options.resolution = 3e-4;
+            EXPECT_EQ(rod_surface(0.0008, 0.02).make(options, &solid[convex]), PLIANT_OK) << pliant_last_error();
+        }
     }
-    const pliant_part parts[] = {
-        {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false}, {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0042, false},
-        {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, 0.0005, false}, {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.002, false},
-        {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.0005, 0}, {0.01, 0.0005, 0.05}, 0, false},
-        {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]}, {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
-    };
-    std::mt19937 engine(5);
-    auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
-    int through = 0;
-    double deepest = 0;
-    for (int n = 0; n < sweeps; n++) {
-        const pliant_part &part = parts[n % 7];
+    ~Sweeps()
+    {
+        for (const pliant_solid *each : solid) pliant_solid_release(each);
+    }
+    Way next()
+    {
+        const pliant_part parts[] = {
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false}, {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0042, false},
+            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, 0.0005, false}, {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.002, false},
+            {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.0005, 0}, {0.01, 0.0005, 0.05}, 0, false},
+            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]}, {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
+        };
+        const bool lies = number++ % 7 == 2;
         const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
         const double across = 0.15 * std::cos(about); // of a rod along the sheet's free way: what is fixed is not swept
-        const double rotation[4] = {std::sin(n % 7 == 2 ? across : half) * (n % 7 == 2 ? 1 : std::cos(about)), n % 7 == 2 ? 0 : std::sin(half) * std::sin(about), 0,
-                                    std::cos(n % 7 == 2 ? across : half)};
-        const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (n % 7 == 2 ? 0.05 : 0.012);
-        const double from[3] = {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)};
-        const double way[3] = {random(-0.005, 0.005), random(-0.005, 0.005), -side * (clear + beyond)};
-        const double friction = random(0.05, 0.4);
+        const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (lies ? 0.05 : 0.012);
+        Way out = {parts[(number - 1) % 7], {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)}, {}, {}, 0, beyond};
+        out.way[0] = random(-0.005, 0.005);
+        out.way[1] = random(-0.005, 0.005);
+        out.way[2] = -side * (clear + beyond);
+        out.rotation[0] = std::sin(lies ? across : half) * (lies ? 1 : std::cos(about));
+        out.rotation[1] = lies ? 0 : std::sin(half) * std::sin(about);
+        out.rotation[3] = std::cos(lies ? across : half);
+        out.friction = random(0.05, 0.4);
+        return out;
+    }
+    Way at(int n)
+    {
+        while (number < n) next();
+        return next();
+    }
+
+private:
+    double random(double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); }
+    std::mt19937 engine{5};
+    pliant_solid *solid[2] = {};
+    int number = 0;
+};
+
+// It is in tissue, or the surface reaches its middle, or the sheet has not gone along, or has gone who knows where.
+bool is_through(const Swept &swept, const Way &on)
+{
+    return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * on.beyond || !(swept.carried < 0.1);
+}
+
+// Whatever it is, wherever it goes. PLIANT_SWEEPS: as many, in place of 14; PLIANT_SWEEPS_FIRST: without as many at first; PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms;
+// PLIANT_SWEEPS_LIVE: steps are live.
+TEST(Swept, NothingIsSweptThroughTheSheet)
+{
+    const int count = number_from("PLIANT_SWEEPS", 14), first = number_from("PLIANT_SWEEPS_FIRST", 0);
+    const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)), number_from("PLIANT_SWEEPS_LIVE", 0) != 0};
+    Sweeps sweeps;
+    int through = 0, turned = 0, held = 0;
+    double deepest = 0;
+    for (int n = 0; n < count; n++) {
+        const Way on = sweeps.next();
         if (n < first) continue;
-        const Swept swept = sweep(part, from, way, rotation, friction, budget);
-        const bool is_through = swept.inside > 0 || swept.carried < 0.5 * beyond || !(swept.carried < 0.1);
-        if (is_through || swept.deepest > 2e-4)
-            std::printf("sweep %d: kind %d, %g mm beyond, tilt %g: carried %g mm, %d points inside, %g mm deep\n", n, n % 7, 1e3 * beyond, tilt, 1e3 * swept.carried, swept.inside, 1e3 * swept.deepest);
-        through += is_through;
+        const Swept swept = sweep(on, mode);
+        const bool passes = is_through(swept, on);
+        if (passes || swept.deepest > 2e-4 || swept.turned > 0)
+            std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
+                        1e3 * swept.deepest, swept.turned, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
+        held += swept.meets_held;
+        if (swept.meets_held) continue;
+        through += passes;
+        turned += swept.turned > 0;
         deepest = std::fmax(deepest, swept.deepest);
     }
-    std::printf("%d sweeps, %d through, deepest %.3f mm\n", sweeps, through, 1e3 * deepest);
+    std::printf("%d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", count - first - held, held, through, turned, 1e3 * deepest);
     EXPECT_EQ(through, 0);
-    for (const pliant_solid *each : solid) pliant_solid_release(each);
+}
+
+// Those that went through, or left the sheet inside out, while steps were not taken in parts.
+TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
+{
+    Sweeps sweeps;
+    for (const int n : {232, 534, 1964}) {
+        const Way on = sweeps.at(n);
+        for (const Mode mode : {Mode{}, Mode{0, true}, Mode{10000, false}}) {
+            const Swept swept = sweep(on, mode);
+            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside << " points inside";
+            EXPECT_EQ(swept.turned, 0) << n;
+            EXPECT_LT(swept.deepest, 2e-4) << n;
+        }
+    }
+}
+
+// Wherever memory runs out in it, a step in parts leaves the state before it, or is done; and the next one goes on.
+TEST(Swept, AStepInPartsThatFailsIsUndone)
+{
+    const Way on = Sweeps().at(534);
+    int failed = 0;
+    for (int64_t calls = 0; calls < 240; calls += 8) {
+        Sheet sheet(1, on.friction);
+        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
+        for (int step = 0; step <= on.steps(); step++) {
+            move(sheet, tool, on, step);
+            if (step < on.steps()) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        }
+        const std::vector<double> before(sheet.data->positions, sheet.data->positions + 3 * sheet.data->body->fine.num_nodes);
+        pliant_memory_fail_after(calls);
+        const pliant_status status = pliant_step(sheet.model, sheet.data);
+        pliant_memory_fail_after(-1);
+        if (status < 0) {
+            failed++;
+            EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
+            EXPECT_EQ(before, std::vector<double>(sheet.data->positions, sheet.data->positions + before.size())) << "after " << calls << " allocations";
+            double tip = 0;
+            for (int d = 0; d < 3; d++) tip += std::fabs(sheet.data->tools[tool].tip[d] - on.from[d] - on.way[d]);
+            EXPECT_LT(tip, 1e-12);
+        }
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    }
+    EXPECT_GT(failed, 0);
+}
+
+// The parts follow from what a record has: poses, and what live steps took of what was made in the background.
+TEST(Swept, AStepInPartsIsPlayedBackToTheBit)
+{
+    const Way on = Sweeps().at(534);
+    std::vector<uint32_t> taken;
+    std::vector<double> ended[2];
+    for (int run = 0; run < 2; run++) { // live, and played back
+        Sheet sheet(1, on.friction);
+        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
+        for (int step = 0; step < on.steps() + 4; step++) {
+            move(sheet, tool, on, step);
+            ASSERT_EQ(pliant_data_set_background(sheet.data, run == 0 ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED, run == 0 ? 0 : taken[step]), PLIANT_OK);
+            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            if (run == 0) taken.push_back(pliant_data_get_background_taken(sheet.data));
+        }
+        ended[run].assign(sheet.data->positions, sheet.data->positions + 3 * sheet.data->body->fine.num_nodes);
+    }
+    EXPECT_EQ(ended[0], ended[1]);
 }
 
 } // namespace

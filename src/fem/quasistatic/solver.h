@@ -104,6 +104,8 @@ struct pliant_solver {
     int32_t refresh_delay, convert_delay; /* steps until a factor is there, and then until the history fits it */
     double smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
+    double spent;               /* of that by solves before, of a step that has several [s] */
+    double reserved;            /* share of it that is left for solves of the parts that come after this one (sim/substeps.h) */
     double evaluation_seconds;  /* of a whole one, in the last step that had one */
     double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
     void *clock_user;
@@ -144,6 +146,8 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver);
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 /* the same without a preconditioner, nothing set; rests: without what only a step of its own needs */
 pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out);
+/* That a new factor takes, about [s]; 0: not known */
+double pliant_solver_factor_seconds(const pliant_solver *solver);
 /* That is made where it is not there yet; axes refer to nothing. Errors: MEMORY. */
 pliant_status pliant_solver_wake(pliant_solver *solver);
 void pliant_solver_free(pliant_solver *solver);
@@ -164,6 +168,8 @@ void pliant_solver_forget(pliant_solver *solver);
 void pliant_solver_moved(pliant_solver *solver);
 static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
 
+/* Whether another solve of this step has time; without a budget it has. */
+bool pliant_solver_has_time(const pliant_solver *solver);
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 

@@ -68,12 +68,16 @@ pliant_status pliant_solver_wake(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-/* Steps that work in the background may take: its operations at a rate that a core of today has, so that the answer is the same
+static const double rate = 5e9; /* operations that a core of today does in a second */
+
+/* Steps that work in the background may take: its operations at that rate, so that the answer is the same
  * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
-static int32_t steps_for(double operations, double step)
+static int32_t steps_for(double operations, double step) { return (int32_t)fmin(ceil(operations / rate / step), 99998); }
+
+double pliant_solver_factor_seconds(const pliant_solver *solver)
 {
-    const double rate = 5e9;
-    return (int32_t)fmin(ceil(operations / rate / step), 99998);
+    const pliant_preconditioner *preconditioner = solver->system->preconditioner;
+    return preconditioner ? pliant_preconditioner_operations(preconditioner) / rate : 0;
 }
 
 static void set_delays(const pliant_scene *scene, pliant_solver *solver)

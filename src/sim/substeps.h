@@ -1,0 +1,36 @@
+/* A step that tissue gets by a tool in is taken anew, in parts: tools go there by and by. */
+#ifndef PLIANT_SIM_SUBSTEPS_H
+#define PLIANT_SIM_SUBSTEPS_H
+
+#include "state/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pliant_substeps {
+    int32_t count, at;     /* 0: it has not begun; 1: the step is whole; which of them it is at, from 1 */
+    int32_t most;          /* that it may be taken in; 1: as it began is not kept */
+    double left;           /* share of the budget as the parts begin */
+    double target[PLIANT_MAX_TOOLS][3]; /* of tools that hold by springs, as the step ends [m] */
+} pliant_substeps;
+
+/* Before the contact stage, as a whole. Where tools go far, what the step begins with is kept. */
+void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
+/* A part is done: the next one begins. false: that was the last */
+bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
+/* Whether the step can be taken in more parts: as it began is kept, and there is time. */
+bool pliant_substeps_can_be_more(const pliant_data *data, const pliant_substeps *parts);
+/* Back to what the step began with, which is taken in twice as many parts, the first of which begins. Errors: MEMORY, of a backend that cannot go on from there. */
+pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
+/* The step has failed: as it began, and tools are where they were set. */
+void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts);
+/* Whether elements are inside out that were not as the step began, which is kept. */
+bool pliant_substeps_turned(const pliant_data *data);
+void pliant_substeps_free(pliant_data *data);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
