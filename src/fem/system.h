@@ -262,6 +262,9 @@ pliant_status pliant_homogenize(pliant_system *system, const pliant_scene *scene
 pliant_status pliant_homogenize_cubes(pliant_system *system, const pliant_scene *scene, const pliant_mesh *fine, const uint8_t *fine_fixed, uint8_t *coarse_fixed,
                                       const pliant_tet_material *fine_material, const int32_t *coarse_of_fine, pliant_progress progress);
 
+/* ---- held_edges.c: coarse hexahedra with a held face beside a free one are made softer. fixed: (coarse nodes). Errors: MEMORY. */
+pliant_status pliant_soften_held_edges(pliant_system *system, const pliant_body *body, const uint8_t *fixed);
+
 /* ---- upsample.c */
 pliant_status pliant_upsample_linear(pliant_system *system, const int32_t *coarse_of_fine);
 /* Of a point in a cube of the solved lattice: weights of its corners. A coordinate that is a node's of the fine lattice is exactly that. */

@@ -122,7 +122,8 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
     if (scene->model.method == PLIANT_COARSE) {
         status = hexahedra ? pliant_system_hexahedra(system, body->coarse_material, NULL, NULL) : pliant_system_elements(system, body->coarse_material, NULL, NULL);
         if (status != PLIANT_OK) return status;
-        return hexahedra ? pliant_upsample_cubes(system, body->coarse_of_fine) : pliant_upsample_linear(system, body->coarse_of_fine);
+        status = hexahedra ? pliant_upsample_cubes(system, body->coarse_of_fine) : pliant_upsample_linear(system, body->coarse_of_fine);
+        return status == PLIANT_OK && hexahedra ? pliant_soften_held_edges(system, body, work->solved_fixed) : status;
     }
     if (scene->model.method == PLIANT_LOD) {
         status = pliant_lod_ground(system, hexahedra, body->fine_fixed, work->solved_fixed, body->coarse_of_fine);
@@ -132,6 +133,7 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
     status = hexahedra ? pliant_homogenize_cubes(system, scene, &body->fine, body->fine_fixed, work->solved_fixed, body->fine_material,
                                                  body->coarse_of_fine, work->progress)
                        : homogenize_tets(work);
+    if (status == PLIANT_OK && hexahedra && scene->model.method != PLIANT_SCHUR) status = pliant_soften_held_edges(system, body, work->solved_fixed);
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 

@@ -50,10 +50,10 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
     return status;
 }
 
-/* Hexahedra of tissue whose volume changes as easily as at a Poisson's ratio of 0.48; what is left out of that goes to lod->bulk. */
+/* Hexahedra of tissue whose volume changes as easily as at a Poisson's ratio of 0.43; what is left out of that goes to lod->bulk. */
 static pliant_status make_hexahedra(lod_builder *lod)
 {
-    const double most = 25; /* lambda over mu */
+    const double most = 6; /* lambda over mu */
     const pliant_mesh *fine = lod->system->fine;
     pliant_tet_material *material = pliant_copy_of(lod->material, (size_t)fine->num_tets, sizeof *material);
     int32_t *element = NULL;
@@ -108,9 +108,9 @@ static const double factor_numbers = 110;
 /* fill: a factor of hexahedra has so many times the numbers (NUMERICS 5) */
 static double fill_of(const lod_builder *lod) { return lod->whole.macros ? 1.8 : 1; }
 
-static double seconds_of(double fill, double nodes, double means, double own)
+static double seconds_of(double fill, double nodes, double held, double own)
 {
-    double columns = 24 + 3 * means, numbers = fill * pow(nodes, 4.0 / 3);
+    double columns = 24 + held, numbers = fill * pow(nodes, 4.0 / 3);
     return 3.5e-5 * nodes + 60 * pow(fill * nodes, 2) / 1.5e10 + 1.2e-8 * columns * numbers + 1e-9 * own * columns * columns;
 }
 
@@ -125,11 +125,11 @@ static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
     lod_cost cost = {0, 0};
     for (int32_t cube = 0; cube < lod->count; cube++) {
         double nodes = lod->patch_nodes[cube] * finer * wider, means = lod->patch_means[cube] * more_means, columns = 3 * means;
-        double own = 3 * pow(ratio + 1, 3);
-        cost.seconds += seconds_of(fill_of(lod), nodes, means, own) / threads;
+        double own = 3 * pow(ratio + 1, 3), held = columns + (lod->bulk ? pow(2.0 * layers + 1, 3) : 0);
+        cost.seconds += seconds_of(fill_of(lod), nodes, held, own) / threads;
         /* corrector, root, entries; in the making: K^-1 [G, Phi] three times and the factor */
         cost.mib += 4 * (72 * nodes + fmin(own, columns) * columns + 3 * own * means);
-        largest = fmax(largest, 8 * (3 * (24 + columns) * 3 * nodes + fill_of(lod) * factor_numbers * pow(nodes, 4.0 / 3)));
+        largest = fmax(largest, 8 * (3 * (24 + held) * 3 * nodes + fill_of(lod) * factor_numbers * pow(nodes, 4.0 / 3)));
     }
     cost.mib = (cost.mib + largest * threads) / 1048576;
     return cost;

@@ -6,9 +6,9 @@
  * sum_i m_i lambda_j(x_i) Q_i vanish for every free coarse node j (m_i: mass of the fine node, so that gravity does no work on
  * them). Then N = P - sum of Q_C, and a cube's macro-element is K = (N|_C)' K_C (N|_C) on the nodes of the cubes within k.
  *
- * Of hexahedra, correctors and macro-elements take lambda for at most 25 mu, as at a Poisson's ratio of 0.48. What is above that, kappa', resists the
- * change of volume of a coarse cube as one, weighed by itself: (sum of V kappa' div N)^2 / sum of V kappa' (mean dilatation, as in
- * element/hexahedra.c). Correctors of tissue that hardly changes its volume would have to reach far.
+ * Of hexahedra, a takes lambda for at most 6 mu, as at a Poisson's ratio of 0.43. What is above that, kappa', resists the change of volume of a coarse
+ * cube as one, weighed by itself: (sum of V kappa' div N)^2 / sum of V kappa' (mean dilatation, as in element/hexahedra.c), in correctors as in
+ * macro-elements. With all of it in the fine cubes, correctors of tissue that hardly changes its volume would have to reach far.
  *
  * A cube with a fixed fine node that leans on a free coarse one is grounded: its P is zero on fixed nodes, so that N is, and it
  * keeps R = I (NUMERICS 7.1). Other cubes feel its corrector by how far its nodes have moved from rest. */

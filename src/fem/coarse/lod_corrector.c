@@ -10,21 +10,22 @@
 enum { COLUMNS = 24 };
 
 typedef struct patch_problem {
-    int32_t count, num_means;  /* free fine nodes, constrained coarse ones */
+    int32_t count, num_means, num_bulk; /* free fine nodes, constrained coarse ones, cubes that resist a change of volume as one */
     int32_t *node;             /* (count) in the numbering of lod->whole, ascending */
     int32_t *mean;             /* (num_means) coarse nodes */
     int32_t *lean;             /* (count x LOD_LEANS) the means that a node counts in, or -1 */
     double *weight;            /* (count x LOD_LEANS) m_i lambda_j(x_i) [kg] */
     pliant_pattern pattern;    /* of the patch */
     double *values;
-    double *z;                 /* ((24 + 3 num_means) x 3 count): K^-1 [G, Phi] */
-    double *s, *t;             /* (3 num_means x 3 num_means), (3 num_means x 24) */
+    double *bulk;              /* (num_bulk x 3 count) B: a unit of B'Q costs 1/2 */
+    double *z;                 /* ((24 + held) x 3 count): K^-1 [G, Phi, B]; held = 3 num_means + num_bulk */
+    double *s, *t;             /* (held x held), (held x 24) */
 } patch_problem;
 
 static void patch_free(patch_problem *patch)
 {
     void *blocks[] = {patch->node, patch->mean, patch->lean, patch->weight, patch->pattern.start, patch->pattern.row,
-                      patch->values, patch->z, patch->s, patch->t};
+                      patch->values, patch->bulk, patch->z, patch->s, patch->t};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
@@ -167,6 +168,51 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
     }
 }
 
+static int32_t held_of(const patch_problem *patch) { return 3 * patch->num_means + patch->num_bulk; }
+
+/* of a cube the change of volume as one, weighed (lod.h), on the patch: b (3 count); of the corners' interpolation: p (24). Returns the weight. */
+static double change_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, double *b, double p[COLUMNS])
+{
+    double whole = 0;
+    memset(p, 0, COLUMNS * sizeof *p);
+    for (int32_t e = lod->element_start[cube]; e < lod->element_start[cube + 1]; e++) {
+        const int32_t element = lod->elements[e], *of_element;
+        const double *gradient = lod->whole.macros->gradient + 24 * (size_t)element, weight = lod->bulk[element];
+        const int corners = lod_element(lod, element, &of_element, NULL);
+        whole += weight;
+        for (int a = 0; a < corners; a++) {
+            const int32_t unknown = lod->whole.free_of_node[of_element[a]], local = unknown < 0 ? -1 : room->local[unknown];
+            int32_t nodes[LOD_LEANS];
+            double weights[LOD_LEANS];
+            for (int d = 0; d < 3 && local >= 0; d++) b[3 * (size_t)local + (size_t)d] += weight * gradient[3 * a + d];
+            if (lod->grounded[cube] && lod->fine_fixed[of_element[a]]) continue;
+            const int leans = lod_interpolation(lod, of_element[a], nodes, weights);
+            for (int v = 0; v < leans; v++)
+                for (int d = 0; d < 3; d++) p[3 * lod_corner(lod, cube, nodes[v]) + d] += weights[v] * weight * gradient[3 * a + d];
+        }
+    }
+    return whole;
+}
+
+/* B, scaled, and what of the cube's own is in G */
+static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch, double *g)
+{
+    const size_t size = 3 * (size_t)patch->count;
+    int32_t near[PLIANT_MAX_NEAR];
+    const int cubes = lod->bulk ? lod_near(lod, cube, near) : 0;
+    if (cubes > 0 && !(patch->bulk = pliant_calloc((size_t)cubes, size * sizeof *patch->bulk))) return pliant_fail_memory("a corrector");
+    for (int c = 0; c < cubes; c++) {
+        double *b = patch->bulk + size * (size_t)patch->num_bulk, p[COLUMNS];
+        const double whole = change_of_cube(lod, room, near[c], b, p);
+        if (!(whole > 0)) continue;
+        for (size_t n = 0; n < size; n++) b[n] /= sqrt(whole);
+        for (size_t i = 0; near[c] == cube && i < COLUMNS; i++)
+            for (size_t n = 0; n < size; n++) g[size * i + n] += p[i] / sqrt(whole) * b[n];
+        patch->num_bulk++;
+    }
+    return PLIANT_OK;
+}
+
 /* Phi, by column of the means: (3 num_means x 3 count) */
 static void fill_means(const patch_problem *patch, double *phi)
 {
@@ -176,21 +222,27 @@ static void fill_means(const patch_problem *patch, double *phi)
             phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / LOD_LEANS) + d)] = patch->weight[i];
 }
 
-/* out (3 num_means x columns) = Phi' of columns (columns x 3 count) */
-static void take_means(const patch_problem *patch, int32_t columns, const double *from, double *out)
+/* out (held x columns) = [Phi, B]' of columns (columns x 3 count) */
+static void take_held(const patch_problem *patch, int32_t columns, const double *from, double *out)
 {
-    for (int32_t c = 0; c < columns; c++, from += 3 * (size_t)patch->count)
+    const size_t size = 3 * (size_t)patch->count;
+    for (int32_t c = 0; c < columns; c++, from += size) {
         for (int32_t i = 0; i < LOD_LEANS * patch->count; i++)
             for (int32_t d = 0; d < 3 && patch->lean[i] >= 0; d++)
                 out[(size_t)(3 * patch->lean[i] + d) * (size_t)columns + (size_t)c] += patch->weight[i] * from[3 * (i / LOD_LEANS) + d];
+        for (int32_t k = 0; k < patch->num_bulk; k++) {
+            double *to = out + (size_t)(3 * patch->num_means + k) * (size_t)columns + (size_t)c;
+            for (size_t n = 0; n < size; n++) *to += patch->bulk[size * (size_t)k + n] * from[n];
+        }
+    }
 }
 
-/* Q = Z_G - Z_Phi (Phi' Z_Phi)^-1 Phi' Z_G, in place of Z_G. Means that depend on each other on what little of the patch is free
- * leave that matrix singular: a little is added to its scaled diagonal. */
+/* Of K + B B' under Phi'Q = 0: Q = Z_G - [Z_Phi, Z_B] S^-1 [Phi, B]' Z_G in place of Z_G, S = [Phi, B]' [Z_Phi, Z_B] and 1 more on the diagonal of B'Z_B.
+ * Means that depend on each other on what little of the patch is free leave that matrix singular: a little is added to its scaled diagonal. */
 static pliant_status hold_means(patch_problem *patch)
 {
     const double relaxed = 1e-10;
-    int32_t m = 3 * patch->num_means;
+    const int32_t m = held_of(patch);
     size_t size = 3 * (size_t)patch->count;
     if (m == 0) return PLIANT_OK;
     double *z_phi = patch->z + COLUMNS * size, *scale;
@@ -198,8 +250,9 @@ static pliant_status hold_means(patch_problem *patch)
     patch->t = pliant_calloc((size_t)m, (COLUMNS + 1) * sizeof *patch->t);
     if (!patch->s || !patch->t) return pliant_fail_memory("a corrector");
     scale = patch->t + COLUMNS * (size_t)m;
-    take_means(patch, m, z_phi, patch->s);
-    take_means(patch, COLUMNS, patch->z, patch->t);
+    take_held(patch, m, z_phi, patch->s);
+    take_held(patch, COLUMNS, patch->z, patch->t);
+    for (int32_t i = 3 * patch->num_means; i < m; i++) patch->s[(size_t)i * (size_t)(m + 1)] += 1;
     for (int32_t i = 0; i < m; i++) scale[i] = 1 / sqrt(patch->s[(size_t)i * (size_t)(m + 1)]);
     for (int32_t i = 0; i < m; i++) {
         for (int32_t j = 0; j < m; j++) patch->s[(size_t)i * (size_t)m + (size_t)j] *= scale[i] * scale[j];
@@ -222,13 +275,18 @@ static pliant_status hold_means(patch_problem *patch)
 static pliant_status solve(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch)
 {
     size_t size = 3 * (size_t)patch->count;
-    int32_t columns = COLUMNS + 3 * patch->num_means;
+    int32_t near[PLIANT_MAX_NEAR];
+    const size_t most = COLUMNS + 3 * (size_t)patch->num_means + (size_t)(lod->bulk ? lod_near(lod, cube, near) : 0);
     pliant_factor *factor = NULL;
     pliant_status status = take_matrix(lod, room, patch);
     if (status != PLIANT_OK) return status;
-    if (!(patch->z = pliant_calloc((size_t)columns, size * sizeof *patch->z))) return pliant_fail_memory("a corrector");
+    if (!(patch->z = pliant_calloc(most, size * sizeof *patch->z))) return pliant_fail_memory("a corrector");
     load_of_cube(lod, room, cube, patch, patch->z);
+    if ((status = fill_bulk(lod, room, cube, patch, patch->z)) != PLIANT_OK) return status;
+    const int32_t columns = COLUMNS + held_of(patch);
     fill_means(patch, patch->z + COLUMNS * size);
+    if (patch->num_bulk > 0)
+        memcpy(patch->z + size * (size_t)(columns - patch->num_bulk), patch->bulk, size * (size_t)patch->num_bulk * sizeof *patch->z);
     status = pliant_factor_analyze(&patch->pattern, &factor);
     if (status == PLIANT_OK) {
         pliant_factor_in_double(factor);
