@@ -295,7 +295,8 @@ for line in sys.stdin:
         self.assertTrue(slow.stdout.readline().startswith("took"))
         pull_to_and_fro(20)
         self.assertFalse(fast.is_lost)
-        self.assertLess(resident_bytes("sim") - before, 8 * size)
+        # on a busy machine more is under way for a while, to the fast one too
+        wait_for(lambda: resident_bytes("sim") - before < 8 * size, "the node to hold no more than a few volumes")
         self.assertTrue(call("pause", SetBool, True).success)
         self.assertTrue(call("save_volume", SaveVolume, "slow.nii.gz").success)
         whole = "holds False %d" % zlib.crc32(nifti_voxels(self.folder + "/output/slow.nii.gz").tobytes())
