@@ -33,10 +33,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     data->solver->background = &data->background;
     pliant_status status = pliant_push(data);
     if (status != PLIANT_OK) return status;
-    const double start = data->solver->clock(data->solver->clock_user);
-    status = pliant_solver_step(data->solver, &data->statistics);
-    data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
-    return status;
+    return pliant_solver_step(data->solver, &data->statistics);
 }
 
 static pliant_status upsample(const pliant_model *model, pliant_data *data)

@@ -31,6 +31,7 @@ pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
     data->body = pliant_body_retain(model->body);
     data->discretization = pliant_discretization_retain(model->discretization);
     data->last_revision = data->body->revision;
+    data->parts = 1;
     data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) {

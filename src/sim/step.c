@@ -116,6 +116,16 @@ static pliant_status place(const pliant_model *model, pliant_data *data, bool up
     return status;
 }
 
+/* By whichever backend, and how long it took of the budget that a step has. */
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    pliant_solver *solver = data->solver;
+    const double start = solver ? solver->clock(solver->clock_user) : 0;
+    const pliant_status status = data->backend->solve(model, data);
+    if (solver) solver->spent += solver->clock(solver->clock_user) - start;
+    return status;
+}
+
 /* From here on only what is planned for this step of what is made in the background may come in: a step that waits for nothing tells what it took as a whole. */
 static void take_no_more(pliant_data *data)
 {
@@ -145,7 +155,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, c
     for (; again < most && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data); again++) {
         const double start = pliant_seconds();
         const int32_t iterations = data->statistics.iterations;
-        status = data->backend->solve(model, data);
+        status = solve(model, data);
         data->statistics.iterations += iterations;
         data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
@@ -163,7 +173,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, c
 static pliant_status run_stage(const pliant_model *model, pliant_data *data, int stage, bool goes_on)
 {
     const pliant_backend *backend = data->backend;
-    pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, backend->solve, backend->upsample, patch, backend->warp};
+    pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, solve, backend->upsample, patch, backend->warp};
     _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
     const double start = pliant_seconds();
     const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model));
