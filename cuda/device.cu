@@ -94,7 +94,7 @@ extern "C" cudaMemPool_t pliant_cuda_pool_create(int device)
     cudaMemPool_t pool = nullptr;
     cudaMemPoolProps wanted = {};
     int there = 0;
-    uint64_t keeps = UINT64_MAX;
+    uint64_t keeps = (uint64_t)1 << 30; /* what is above that goes back: the rest of the device is others' */
     wanted.allocType = cudaMemAllocationTypePinned;
     wanted.location.type = cudaMemLocationTypeDevice;
     wanted.location.id = device;

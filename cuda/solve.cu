@@ -253,6 +253,7 @@ struct step_so_far {
     int32_t opened;            /* of the step after a cut, before the others */
     int32_t solved, iterations;
     double error_before;
+    bool turned;               /* axes were turned for what could not be made then */
 };
 
 /* What evaluations have led to: the tools' forces, and how many there were. */
@@ -271,13 +272,14 @@ static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step 
     statistics->rejected += (uint64_t)rules->rejected;
 }
 
-/* As come_out of solver.c. */
+/* As come_out of solver.c, but for steps with a budget, which go on as they are. */
 static pliant_status come_out(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, gpu_step *step, step_so_far *so_far)
 {
     bool made = !(solver->budget > 0);
     for (int again = 0; again < PLIANT_MOST_STUCK && made && pliant_touches_are_stuck(solver->touches, &gpu->h_state->rules, pliant_cuda_touches_moved(&gpu->touches)); again++) {
         int32_t opened = 0;
         CUDA_TRY(pliant_cuda_renew_now(gpu, solver, statistics, &made));
+        so_far->turned = !made;
         if (!made) break;
         *step = {};
         CUDA_TRY(prepare(gpu, solver, gravity, statistics, true, step, &opened));
@@ -310,6 +312,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
+    if (so_far.turned) solver->asked.kept = false; /* the step ended in the axes of before */
     pliant_even_note(&solver->even, so_far.solved + so_far.opened, rules->first_merit);
     if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
     gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;

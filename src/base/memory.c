@@ -196,14 +196,14 @@ static header *from_system(size_t room, size_t alignment)
  * is written to it. */
 static void find_pages(const header *block, bool written)
 {
-#ifdef MADV_POPULATE_WRITE
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), begin = ((uintptr_t)block->base + page - 1) / page * page;
     const uintptr_t end = ((uintptr_t)block + ALIGNMENT + block->room) / page * page;
     if (begin >= end) return;
-    if (block->room >= huge) madvise((void *)begin, end - begin, MADV_HUGEPAGE);
-    if (written) madvise((void *)begin, end - begin, MADV_POPULATE_WRITE); /* advice, which may not be taken */
+    if (block->room >= huge) madvise((void *)begin, end - begin, MADV_HUGEPAGE); /* advice, which may not be taken */
+#ifdef MADV_POPULATE_WRITE
+    if (written) madvise((void *)begin, end - begin, MADV_POPULATE_WRITE);
 #else
-    (void)block, (void)written;
+    (void)written;
 #endif
 }
 

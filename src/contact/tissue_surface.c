@@ -258,7 +258,10 @@ pliant_status pliant_tissue_set_body(pliant_tissue *tissue, const pliant_body *b
 
 pliant_status pliant_tissue_copy(const pliant_tissue *from, pliant_tissue *to)
 {
-    if (!from->body) return PLIANT_OK;
+    if (!from->body) {
+        pliant_tissue_forget(to);
+        return PLIANT_OK;
+    }
     pliant_status status = pliant_tissue_set_body(to, from->body, from->inside, from->threads);
     if (status != PLIANT_OK || from->num_nodes == 0) return status;
     memcpy(to->last, from->last, (size_t)from->num_nodes * sizeof *to->last);

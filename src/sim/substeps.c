@@ -61,8 +61,8 @@ static pliant_status go_back(const pliant_model *model, pliant_data *data)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, begin->force[t], sizeof begin->force[t]);
     pliant_solver_moved(solver);
     solver->even = begin->even;
-    pliant_status status = pliant_contact_copy(&begin->contact, data);
-    return status == PLIANT_OK ? pliant_backend_restart(model, data) : status;
+    const pliant_status status = pliant_contact_copy(&begin->contact, data), restarted = pliant_backend_restart(model, data);
+    return status < 0 ? status : restarted;
 }
 
 /* Tools to where they are as the part ends, and what they pull tissue to as far. Those that have jumped are there at once. */
@@ -116,9 +116,9 @@ bool pliant_substeps_can_be_more(const pliant_data *data, const pliant_substeps 
 pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data, pliant_substeps *parts)
 {
     const pliant_solver *solver = data->solver;
+    parts->count = 2 * parts->count;
     const pliant_status status = go_back(model, data);
     if (status < 0) return status;
-    parts->count = 2 * parts->count;
     parts->at = 1;
     parts->left = solver->budget > 0 ? fmax(1 - solver->spent / solver->budget, 0) : 1;
     go(model, data, parts);

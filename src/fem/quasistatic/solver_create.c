@@ -76,7 +76,7 @@ static int32_t steps_for(double operations, double step) { return (int32_t)fmin(
 
 double pliant_solver_factor_seconds(const pliant_solver *solver)
 {
-    const pliant_preconditioner *preconditioner = solver->system->preconditioner;
+    const pliant_preconditioner *preconditioner = solver->preconditioner;
     return preconditioner ? pliant_preconditioner_operations(preconditioner) / rate : 0;
 }
 

@@ -16,7 +16,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, LISTENER_SECONDS = 5 /* the master may know of some that are gone */,
+enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
        MOST_RECENT = 16 /* topologies */ };
 
 /* Whether somebody listens to a topic, by the master's word. */
@@ -161,12 +161,12 @@ void Replay::start_player(const std::string &name, const std::string &volume)
     bool has_advertised = false;
     while (ros::ok() && Clock::now() < end) {
         has_advertised = has_advertised || ask_to_pause(true);
-        const bool is_heard = snapshots_.wanted() || Clock::now() > begin + std::chrono::seconds(LISTENER_SECONDS) || !has_listener(volume);
-        if (has_advertised && is_heard && hears_all() && ask_to_pause(false)) return;
+        const bool is_late = Clock::now() > begin + std::chrono::seconds(CONNECTION_SECONDS), is_heard = snapshots_.wanted() || !has_listener(volume);
+        if (has_advertised && (is_late || (is_heard && hears_all())) && ask_to_pause(false)) return;
         ros::WallDuration(0.05).sleep();
     }
     if (ros::ok())
-        ROS_ERROR("replay: no player at %s, or no connection to it, after %d s; start the bag by hand", service.c_str(), PLAYER_SECONDS);
+        ROS_ERROR("replay: no player at %s after %d s; start the bag by hand", service.c_str(), PLAYER_SECONDS);
 }
 
 void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
