@@ -136,8 +136,8 @@ bool is_through(const Swept &swept, const Way &on)
     return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * on.beyond || !(swept.carried < 0.1);
 }
 
-// Whatever it is, wherever it goes. PLIANT_SWEEPS: as many, in place of 14; PLIANT_SWEEPS_FIRST: without as many at first; PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms;
-// PLIANT_SWEEPS_LIVE: steps are live.
+// Whatever it is, wherever it goes. PLIANT_SWEEPS: up to this number, in place of 14; PLIANT_SWEEPS_FIRST: from this one on, so that several processes share them (0 and 625, 625 and
+// 1250, ...: a line for what is left in tissue as soon as it is known, a line in the end); PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms; PLIANT_SWEEPS_LIVE: steps are live.
 TEST(Swept, NothingIsSweptThroughTheSheet)
 {
     const int count = number_from("PLIANT_SWEEPS", 14), first = number_from("PLIANT_SWEEPS_FIRST", 0);
@@ -153,13 +153,16 @@ TEST(Swept, NothingIsSweptThroughTheSheet)
         if (passes || swept.deepest > 2e-4 || swept.turned > 0)
             std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
                         1e3 * swept.deepest, swept.turned, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
+        std::fflush(stdout);
         held += swept.meets_held;
         if (swept.meets_held) continue;
         through += passes;
         turned += swept.turned > 0;
         deepest = std::fmax(deepest, swept.deepest);
     }
-    std::printf("%d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", count - first - held, held, through, turned, 1e3 * deepest);
+    std::printf("from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", first, count, count - first - held, held, through, turned,
+                1e3 * deepest);
+    std::fflush(stdout);
     EXPECT_EQ(through, 0);
 }
 
