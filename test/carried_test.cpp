@@ -182,6 +182,52 @@ TEST(Carried, AFactorInAGivenOrder)
     pliant_factor_free(free_choice);
 }
 
+// of a coarse model whose fine cubes beside an earlier cut are in parts since then: only those are opened that a later cut divides
+TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
+{
+    const int size[3] = {48, 12, 12};
+    const double box[3] = {0.48, 0.12, 0.12};
+    Body body(size, box, {{4000, 0.4, 1000, false}});
+    body.fix_plane(1e-6, 0, 0, 1, 0, 0);
+    body.cells(12, 3, 3, 2);
+    body.scene.element.kind = PLIANT_HEXAHEDRA;
+    body.scene.model.method = PLIANT_AVERAGED;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const Plane earlier{{0.11, 0.06, 0.06}, {1, 0.1, 0.2}}, later{{0.37, 0.06, 0.06}, {1, 0.1, 0.2}};
+    std::vector<int8_t> sides[2];
+    const pliant_body *bodies[4] = {body.model->body};
+    const pliant_discretization *made[4] = {body.model->discretization};
+    for (int c = 0; c < 3; c++) {
+        const double depth = c == 1 ? 0.09 : 0.05;
+        bodies[c + 1] = sever_plane(bodies[c], c + 2, c == 0 ? earlier : later, [depth](const double *x) { return x[2] > depth; }, &sides[c > 0]);
+        ASSERT_TRUE(bodies[c + 1]) << pliant_last_error();
+        if (c == 0) sides[1].assign(static_cast<size_t>(bodies[1]->fine.num_tets), 0);
+        pliant_body_map map;
+        ASSERT_EQ(pliant_body_map_create(bodies[c], bodies[c + 1], &map), PLIANT_OK);
+        ASSERT_EQ(pliant_discretization_next(&body.scene, made[c], bodies[c + 1], &map, &made[c + 1]), PLIANT_OK) << pliant_last_error();
+        pliant_body_map_free(&map);
+    }
+    const pliant_system &before = *made[2]->system, &now = *made[3]->system;
+    ASSERT_TRUE(before.graded && now.graded);
+    uint8_t *whole = nullptr;
+    ASSERT_EQ(pliant_carried_whole(&before, &whole), PLIANT_OK);
+    std::vector<uint8_t> opened(static_cast<size_t>(now.num_free), 0);
+    pliant_carried_open_divided(&now, whole, opened.data());
+    pliant_free(whole);
+    int count = 0;
+    for (int32_t f = 0; f < now.num_free; f++) {
+        if (!opened[f]) continue;
+        count++;
+        EXPECT_LT(std::fabs(later.side(now.mesh->rest + 3 * now.node_of_free[f])), 0.04);
+    }
+    EXPECT_GT(count, 10);
+    EXPECT_LT(count, now.num_free / 4);
+    for (int c = 1; c < 4; c++) {
+        pliant_discretization_release(made[c]);
+        pliant_body_release(bodies[c]);
+    }
+}
+
 INSTANTIATE_TEST_SUITE_P(Choices, EveryBase, testing::Combine(testing::Values(PLIANT_DIRECT, PLIANT_MULTIGRID), testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA)));
 
 } // namespace

@@ -33,23 +33,45 @@ pliant_status pliant_carried_opened(int32_t num_free, int32_t base_free, const i
     return PLIANT_OK;
 }
 
+/* The cell of the fine lattice that an element lies in; -1: it is a coarse one. whole: it is a hexahedron */
+static int32_t cell_of(const pliant_system *system, int32_t element, bool *whole)
+{
+    const pliant_graded *graded = system->graded;
+    const pliant_macros *macros = system->macros;
+    *whole = macros->start[element + 1] - macros->start[element] == 8;
+    if (!graded) return macros->cell[element];
+    const int32_t i = element - graded->num_base;
+    if (i < 0 || i >= graded->num_fine) return -1;
+    *whole = graded->tet[i] < 0; /* whatever its corners follow */
+    return system->fine->lattice_of_tet[*whole ? -1 - graded->tet[i] : graded->tet[i]] / 5;
+}
+
+static bool has_fine_cells(const pliant_system *system) { return system->macros && system->macros->cell && (system->graded || system->mesh == system->fine); }
+
 pliant_status pliant_carried_whole(const pliant_system *system, uint8_t **out)
 {
-    const pliant_macros *macros = system->macros;
+    const int32_t *cells = system->fine->cells;
     *out = NULL;
-    if (!macros || !macros->cell) return PLIANT_OK;
-    *out = pliant_calloc((size_t)system->mesh->cells[0] * (size_t)system->mesh->cells[1] * (size_t)system->mesh->cells[2], 1);
+    if (!has_fine_cells(system)) return PLIANT_OK;
+    *out = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], 1);
     if (!*out) return pliant_fail_memory("the preconditioner");
-    for (int32_t e = 0; e < macros->count; e++) (*out)[macros->cell[e]] |= macros->start[e + 1] - macros->start[e] == 8;
+    for (int32_t e = 0; e < system->macros->count; e++) {
+        bool whole;
+        const int32_t cell = cell_of(system, e, &whole);
+        if (cell >= 0) (*out)[cell] |= whole;
+    }
     return PLIANT_OK;
 }
 
 void pliant_carried_open_divided(const pliant_system *system, const uint8_t *whole, uint8_t *opened)
 {
     const pliant_macros *now = system->macros;
-    for (int32_t e = 0; whole && now && now->cell && e < now->count; e++)
-        for (int32_t c = now->start[e]; whole[now->cell[e]] && now->start[e + 1] - now->start[e] < 8 && c < now->start[e + 1]; c++)
+    for (int32_t e = 0; whole && has_fine_cells(system) && e < now->count; e++) {
+        bool is_whole;
+        const int32_t cell = cell_of(system, e, &is_whole);
+        for (int32_t c = now->start[e]; cell >= 0 && whole[cell] && !is_whole && c < now->start[e + 1]; c++)
             if (system->free_of_node[now->node[c]] >= 0) opened[system->free_of_node[now->node[c]]] = 1;
+    }
 }
 
 pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)

@@ -32,7 +32,7 @@ typedef struct pliant_carried {
 
 /* opened: (num_free) out: 1 where the source is shared or missing. Errors: MEMORY. */
 pliant_status pliant_carried_opened(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened);
-/* Which cubes of the lattice are hexahedra: (cells), freed with pliant_free; NULL: the system has none. Errors: MEMORY. */
+/* Which cubes of the fine lattice are hexahedra: (cells), freed with pliant_free; NULL: the system has none. Errors: MEMORY. */
 pliant_status pliant_carried_whole(const pliant_system *system, uint8_t **out);
 /* Besides: corners of hexahedra of the base (whole, NULL: none) that a cut has divided into tetrahedra, which are stiffer. */
 void pliant_carried_open_divided(const pliant_system *system, const uint8_t *whole, uint8_t *opened);
