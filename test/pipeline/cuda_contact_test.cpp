@@ -3,6 +3,7 @@
 #include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/pieces.h"
+#include "fem/quasistatic/cone_rules.h"
 #include "sim/contact.h"
 
 #include <cstdio>
@@ -448,13 +449,30 @@ TEST(CudaContact, EveryKernelOnce)
 {
     NEEDS_GPU();
     for (int number : {1, 2, 6}) {
-        Block body(cases[number], PLIANT_CUDA);
+        SCOPED_TRACE(cases[number].name);
+        Block body(cases[number], PLIANT_CUDA, true);
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
         body.scene.solver.iterations = 3;
         ASSERT_EQ(body.begin(), PLIANT_OK) << pliant_last_error();
-        for (int s = number == 6 ? 4 : 1; s <= (number == 6 ? 6 : 3); s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+        const bool slot = cases[number].slot;
+        for (int s = slot ? 4 : 2; s <= (slot ? 6 : 3); s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
         EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
-        EXPECT_GT(body.data->statistics.contacts, number == 6 ? 0 : 3);
+        EXPECT_GT(body.data->statistics.contacts, slot ? 0 : 3);
+        if (slot) continue;
+        const double points[6] = {0.031, -0.01, 0.03, 0.033, 0.05, 0.03}, depth[3] = {0.001, 0, -0.019}; // columns of what is carried over
+        ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+        ASSERT_GE(body.step(4), 0) << pliant_last_error();
+        EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+        EXPECT_GT(body.data->statistics.contacts, 3);
     }
+    Block flat(cases[0], PLIANT_CUDA); // more points than the GPU finds the forces of
+    flat.cells(10, 7, 1, 1);
+    flat.scene.solver.iterations = 2;
+    ASSERT_EQ(flat.build(), PLIANT_OK) << pliant_last_error();
+    flat.add("plate", PLIANT_PART_BOX, 0.03, 0.03, 0.02);
+    for (int s = 1; s <= 3; s++) ASSERT_GE(flat.step(s), 0) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_get_backend(flat.data), "cuda") << pliant_last_error();
+    EXPECT_GT(3 * flat.data->statistics.contacts, PLIANT_CONE_TOGETHER);
     Drop drop(false, PLIANT_CUDA);
     drop.scene.solver.iterations = 3;
     ASSERT_EQ(drop.begin(), PLIANT_OK) << pliant_last_error();

@@ -44,13 +44,15 @@ const Case cases[] = {
 // 60 x 40 x 25 mm on what is fixed, with a slot that is open on one side, or without
 struct Block : Body {
     const Case &c;
-    Block(const Case &of, pliant_backend_choice backend)
+    // small: of elements twice as large
+    Block(const Case &of, pliant_backend_choice backend, bool small = false)
         : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(), {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
                [&of](int i, int, int k) { return of.slot && k / 2 == 2 && i >= 8; }),
           c(of)
     {
         fix_plane(0, 0, 1e-6, 0, 0, 1);
         cells(12 / c.ratio, 8 / c.ratio, c.ratio == 1 ? 5 : 2, c.ratio);
+        if (small) cells(6, 4, c.slot ? 5 : 4, 1);
         scene.model.method = c.method;
         scene.element.kind = c.element;
         scene.solver.backend = backend;

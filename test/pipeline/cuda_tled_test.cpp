@@ -342,7 +342,7 @@ TEST(CudaTled, PositionsFromOutsideAreTaken)
 TEST(CudaTled, EveryKernelOnce)
 {
     NEEDS_GPU();
-    for (int number : {2, 6, 9, 10, 12}) {
+    for (int number : {2, 6, 9, 10, 11, 12, 15}) {
         Case c = cases[number];
         Cube body(c, PLIANT_CUDA, 2);
         body.scene.tled.relaxation_steps = 40;

@@ -227,26 +227,31 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
     pliant_warp_free(other);
 }
 
-} // namespace
+/* ---- pictures */
 
-// what a camera sees, and a radiograph, of a volume and of labels that the GPU has drawn: the CPU's bits; a failure and the CPU goes on
-TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
+// what a camera sees, and a radiograph, of a volume and of labels that the GPU has drawn: the CPU's bits; a failure and the CPU goes on;
+// cells: of the mesh along each axis, 0: as usual
+void compare_pictures(const int32_t size[3], int32_t cells, int width, int height, int least)
 {
-    NEEDS_GPU();
-    const int32_t size[3] = {64, 47, 51};
+    const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
     pliant_scene scene;
     pliant_volume scan{};
     pliant_material_table materials{};
     pliant_scene_defaults(&scene);
     scene.element.kind = PLIANT_LINEAR;
     scene.cut.kind = PLIANT_CUT_SEVER;
+    if (cells > 0) { // too coarse for bone: the back is held
+        scene.mesh.ratio = 1;
+        scene.fixed.planes[scene.fixed.num_planes++] = {{0, 0.03, 0}, {0, -1, 0}};
+        for (int d = 0; d < 3; d++) scene.mesh.coarse_cells[d] = cells;
+    }
     ASSERT_EQ(pliant_phantom(size, 3, &scan, nullptr), PLIANT_OK);
     ASSERT_EQ(pliant_material_table_default(&materials), PLIANT_OK);
     std::vector<uint8_t> rgb[3], label[3];
     std::vector<float> depth[3], line[3];
     pliant_camera camera;
     const double from[3] = {0.1, -0.5, 0.2}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
-    pliant_camera_of_view(150, 110, 0.7, &camera);
+    pliant_camera_of_view(width, height, 0.7, &camera);
     ASSERT_EQ(pliant_camera_look_at(&camera, from, at, up), PLIANT_OK);
     for (int run = 0; run < 3; run++) { // the CPU, the GPU, and one that fails
         scene.solver.backend = run == 0 ? PLIANT_CPU : PLIANT_CUDA;
@@ -267,8 +272,8 @@ TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
             ASSERT_EQ(pliant_style_defaults(&scan, &style), PLIANT_OK);
             style.by_label = by_label;
             if (by_label) style.shown[2] = style.shown[3] = 0;
-            std::vector<uint8_t> one(3 * 150 * 110), tissue(150 * 110);
-            std::vector<float> far(150 * 110);
+            std::vector<uint8_t> one(3 * pixels), tissue(pixels);
+            std::vector<float> far(pixels);
             const pliant_image image = {one.data(), far.data(), tissue.data()};
             if (run == 2) ASSERT_EQ(pliant_view_render(view, &camera, &style, &image), PLIANT_OK);
             if (run == 2) pliant_cuda_fail_after(1);
@@ -278,7 +283,7 @@ TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
             label[run].insert(label[run].end(), tissue.begin(), tissue.end());
             depth[run].insert(depth[run].end(), far.begin(), far.end());
         }
-        line[run].resize(150 * 110);
+        line[run].resize(pixels);
         EXPECT_EQ(pliant_view_radiograph(view, &camera, PLIANT_WATER_ATTENUATION, line[run].data()), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(rgb[run], rgb[0]) << run;
         EXPECT_EQ(label[run], label[0]) << run;
@@ -288,7 +293,44 @@ TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
         pliant_data_free(data);
         pliant_model_free(model);
     }
-    EXPECT_GT(std::count_if(depth[0].begin(), depth[0].end(), [](float z) { return z > 0; }), 5000);
+    EXPECT_GT(std::count_if(depth[0].begin(), depth[0].end(), [](float z) { return z > 0; }), least);
     pliant_material_table_free(&materials);
     pliant_volume_free(&scan);
 }
+
+TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
+{
+    NEEDS_GPU();
+    const int32_t size[3] = {64, 47, 51};
+    compare_pictures(size, 0, 150, 110, 5000);
+}
+
+// every kernel of the warp and of pictures, in little time: for compute-sanitizer
+TEST(CudaWarp, EveryKernelOnce)
+{
+    NEEDS_GPU();
+    const int32_t cells[3] = {4, 4, 4}, size[3] = {20, 18, 17};
+    for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) { // all in one brick: more than the usual kernel names
+        SCOPED_TRACE(encoding);
+        const pliant_geometry geometry = geometry_of(16, 15, 14), target = geometry_of(19, 15, 14);
+        Warps warps(encoding, geometry, cells, target);
+        const auto voxels = cut_cases::make_voxels(warps.mesh, geometry);
+        const cut_cases::CutBody some(warps.mesh, *voxels, {cut_cases::plane({7.7, 7.2, 6.4}, {0.31, 0.83, -0.46}, [](const cut_cases::vector3 &at) { return at[0] < 9; })}),
+            none(warps.mesh, *voxels, {});
+        warps.update_and_compare(warps.rest(), "at rest");
+        warps.update_and_compare(warps.wave(0.002, 0.0003, 6), "wave");
+        set_and_compare(warps, some, 0.002, "a cut");
+        std::vector<double> x(some.body.fine.rest, some.body.fine.rest + 3 * some.body.fine.num_nodes);
+        for (size_t n = 0; n < x.size(); n++) x[n] = warps.mesh.corner[n % 3] + 0.2 * (x[n] - warps.mesh.corner[n % 3]);
+        warps.update_and_compare(x, "all pressed together");
+        set_and_compare(warps, none, 0, "healed");
+        const std::vector<double> pressed(x.begin(), x.begin() + 3 * warps.mesh.num_nodes);
+        warps.update_and_compare(pressed, "all pressed together, and whole");
+    }
+    const int32_t two[3] = {2, 2, 2};
+    Warps few(PLIANT_INT16, geometry_of(20, 18, 17), two, geometry_of(20, 18, 17)); // what the usual kernel draws
+    few.update_and_compare(few.wave(0.002, 0, 6), "a wave of few");
+    compare_pictures(size, 4, 24, 20, 10);
+}
+
+} // namespace
