@@ -172,6 +172,31 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
+// What is written without saying so is not looked for: an array that followed none is compared piece by piece all the same, once it is followed itself.
+TEST(Memory, WhatIsFollowedIsNotReadAgain)
+{
+    Keeping keeping(64 * int64_t(LARGE));
+    auto *at_load = static_cast<char *>(pliant_calloc(LARGE, 1));
+    auto *next = static_cast<char *>(pliant_next_of(at_load, LARGE, LARGE, 1));
+    ASSERT_NE(next, nullptr);
+    size_t from = 0, to = 0;
+    next[100] = 1;
+    EXPECT_FALSE(pliant_next_difference(next, at_load, LARGE, &from, &to));
+    pliant_writes(next, 100, 1, 1);
+    ASSERT_TRUE(pliant_next_difference(next, at_load, LARGE, &from, &to));
+    EXPECT_LE(from, 100u);
+    EXPECT_GT(to, 100u);
+    EXPECT_LT(to, LARGE / 2);
+    next[LARGE - 1] = 1;
+    pliant_free(next);
+    next = static_cast<char *>(pliant_next_of(at_load, LARGE, LARGE, 1)); /* where it lay: what was told of is as at load again */
+    ASSERT_NE(next, nullptr);
+    EXPECT_EQ(next[100], 0);
+    EXPECT_EQ(next[LARGE - 1], 1);
+    pliant_free(next);
+    pliant_free(at_load);
+}
+
 TEST(Memory, CopiesAreWholeAndNothingIsSomething)
 {
     const double values[3] = {1, 2, 3};

@@ -18,7 +18,8 @@ typedef struct header {
     size_t bytes; /* asked for */
     size_t room;  /* there are */
     bool pages;   /* nothing else is on its pages */
-    uint64_t *stamp; /* Nullable: (pieces of room) of an array that follows another; pieces with one stamp, at one place, are the same bytes */
+    _Atomic(uint64_t *) stamp; /* Nullable: (pieces of room) of an array that follows another, or is followed; pieces with one stamp, at one place, are
+                                * the same bytes */
 } header;
 
 /* From so many bytes on a block has room for an eighth more, at most, and may be kept. */
@@ -263,6 +264,16 @@ static void stamp_anew(header *block, size_t from, size_t to)
     for (size_t p = from / PIECE; p < pieces_of(to); p++) block->stamp[p] = stamp;
 }
 
+/* What is followed for the first time, an array at load say, which any thread may read: what follows it finds the same pieces again. Where there is
+ * no memory for that, they are copied once more. */
+static void stamp_first(header *block)
+{
+    uint64_t *none = NULL, *made = block->stamp || block->bytes < large_series ? NULL : calloc(pieces_of(block->room), sizeof *made);
+    if (!made) return;
+    for (size_t p = 0; p < pieces_of(block->room); p++) made[p] = new_stamp();
+    if (!atomic_compare_exchange_strong(&block->stamp, &none, made)) free(made);
+}
+
 /* The first bytes of another block, of which the pieces are copied that differ; and zeros behind them. */
 static void follow(header *block, const header *from, size_t kept_bytes)
 {
@@ -281,9 +292,10 @@ static void follow(header *block, const header *from, size_t kept_bytes)
     stamp_anew(block, kept_bytes, block->bytes);
 }
 
-static void *next_of(const header *from, size_t kept_bytes, size_t bytes)
+static void *next_of(header *from, size_t kept_bytes, size_t bytes)
 {
     const size_t room = room_for(bytes, true);
+    stamp_first(from);
     header *block = take_alike(from, room);
     if (!block) {
         if (!(block = from_system(room, ALIGNMENT))) return NULL;

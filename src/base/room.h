@@ -18,8 +18,8 @@ void *pliant_copy_of(const void *from, size_t count, size_t size);
 
 /* Arrays that follow one another, of which most stays the same: those of a body, of the next body, of what follows from them. An array of
  * `number` elements whose first `kept` are those of another block of the library, zeros behind them; number 0: room for one. It lies where one of
- * them lay that was freed, as far as there is one, and only what differs is copied. So who writes to such an array, but to what the last pliant_resize
- * has added, says where (pliant_writes; nothing happens with others), before anything else is made of it. NULL: out of memory. */
+ * them lay that was freed, as far as there is one, and only what differs is copied; the first of them may be any block. So who writes to such an array,
+ * but to what the last pliant_resize has added, says where (pliant_writes; nothing happens with others), before anything else is made of it. NULL: out of memory. */
 void *pliant_next_of(const void *from, size_t kept, size_t number, size_t size);
 void pliant_writes(void *array, size_t first, size_t number, size_t size);
 /* The next bytes, from *from to before *to, of so many in which two blocks of the library may differ; to begin with, *to is 0. false: there are

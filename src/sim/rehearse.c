@@ -2,6 +2,7 @@
  * have begun and kernels are there. */
 #include "backend/backend.h"
 #include "base/room.h"
+#include "fem/quasistatic/solver.h"
 #include "pliant/cut.h"
 #include "pliant/memory.h"
 #include "sim/cut.h"
@@ -31,8 +32,9 @@ static void find_strip(const pliant_mesh *mesh, int number, double from[3 * POIN
     }
 }
 
-/* *next stays NULL where the strip severs nothing. */
-static pliant_status go_on(const pliant_model *model, const pliant_data *data, const pliant_discretization *before, int number, const pliant_discretization **next)
+/* *next stays NULL where the strip severs nothing. solver: NULL, or where that of the next body goes. */
+static pliant_status go_on(const pliant_model *model, const pliant_data *data, const pliant_discretization *before, int number, const pliant_discretization **next,
+                           pliant_solver **solver)
 {
     double from[3 * POINTS], to[3 * POINTS];
     pliant_body *body = NULL;
@@ -43,6 +45,7 @@ static pliant_status go_on(const pliant_model *model, const pliant_data *data, c
     pliant_body_map map = {0};
     status = pliant_body_map_create(before->body, body, &map);
     if (status == PLIANT_OK) status = pliant_discretization_next(&model->scene, before, body, &map, next);
+    if (status == PLIANT_OK && solver) status = pliant_solver_follow(&model->scene, (*next)->system, data->solver, &map, !data->backend->on_host, solver);
     pliant_body_map_free(&map);
     pliant_body_release(body);
     return status;
@@ -62,10 +65,12 @@ void pliant_rehearse_cut(const pliant_model *model, pliant_data *data)
     if (!body->voxels || body->cuts || body->subdivision || data->tled || model->scene.model.method != PLIANT_FINE) return;
     const int64_t before = pliant_memory_taken();
     pliant_warp_next *warp = NULL;
+    pliant_solver *solver = NULL;
     pliant_status status = PLIANT_OK;
-    for (int n = 0; n < BODIES && made[n] && status == PLIANT_OK; n++) status = go_on(model, data, made[n], n, made + n + 1);
+    for (int n = 0; n < BODIES && made[n] && status == PLIANT_OK; n++) status = go_on(model, data, made[n], n, made + n + 1, n == 0 ? &solver : NULL);
     if (status == PLIANT_OK && made[1] && data->warp) status = pliant_warp_prepare(data->warp, made[1]->body, &warp);
     keep_memory(data, pliant_memory_taken() - before);
     pliant_warp_next_free(warp);
+    pliant_solver_free(solver);
     for (int n = 1; n <= BODIES; n++) pliant_discretization_release(made[n]);
 }

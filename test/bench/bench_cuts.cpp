@@ -2,14 +2,15 @@
 // places of the tissue, each followed by an undo of every fourth, a step of every eighth. CPU time of a cut (the process, without the steps) and
 // what is held, after 10, 100, 1000 cuts and so on.
 //
-//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3] [busy=0] [group/name=value ...]
+//   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3] [busy=0] [rests=0] [group/name=value ...]
 //
 // length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume. stages=1: what each part of a cut
 // takes of the clock, and the frame after it; no undo, a step after each, and so many other frames; frames=0: no step either; no step waits for what is
-// made in the background. busy=1: of the calling thread's own time, for solver/threads=1 on a machine that others use; what the background makes is not
+// made in the background. rests=1: what the host of a GPU does, so of the solver less, and a first cut is rehearsed. busy=1: of the calling thread's own time, for solver/threads=1 on a machine that others use; what the background makes is not
 // in it.
 #include "frames.h"
 #include "fem/quasistatic/solver.h"
+#include "sim/cut.h"
 #include "sim/discretization.h"
 #include "warp/device.h"
 
@@ -106,7 +107,7 @@ std::vector<double> sampled(const double points[6], const double by[3], double s
 // What a cut is made of: each part once more by itself, thrown away, then all of it.
 enum Part { LINKS, BODY, MAP, DISCRETIZATION, SOLVER, WARP, SET_BODY, STEP, USUAL, NUM_PARTS };
 
-void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], bool steps, std::vector<double> took[NUM_PARTS])
+void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], bool steps, bool rests, std::vector<double> took[NUM_PARTS])
 {
     const double none[3] = {0, 0, 0}, *size = model->scan->geometry.spacing, spacing = 0.5 * std::min(size[0], std::min(size[1], size[2]));
     const std::vector<double> from = sampled(points, none, spacing), to = sampled(points, depth, spacing);
@@ -123,7 +124,6 @@ void cut_by_parts(const pliant_model *model, pliant_data *data, const double poi
     took[DISCRETIZATION].push_back(milliseconds([&] { check(pliant_discretization_next(&model->scene, data->discretization, next, &map, &discretization)); }));
     if (data->solver) {
         pliant_solver *solver = nullptr;
-        const bool rests = std::strcmp(pliant_data_get_backend(data), "cpu") != 0;
         took[SOLVER].push_back(milliseconds([&] { check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, &solver)); }));
         pliant_solver_free(solver);
     }
@@ -139,15 +139,17 @@ void cut_by_parts(const pliant_model *model, pliant_data *data, const double poi
     if (steps) took[STEP].push_back(milliseconds([&] { check(pliant_step(model, data)); }));
 }
 
-void by_parts(const pliant_model *model, pliant_data *data, double length, int cuts, int frames)
+void by_parts(const pliant_model *model, pliant_data *data, double length, int cuts, int frames, bool rests)
 {
     static const char *const names[NUM_PARTS] = {"links severed", "fragments and next body", "map of bodies", "discretization", "solver", "warp", "pliant_data_set_body", "frame after it", "other frames"};
     std::vector<double> took[NUM_PARTS];
     std::mt19937 random(5);
+    rests = rests || std::strcmp(pliant_data_get_backend(data), "cpu") != 0;
+    if (rests) pliant_rehearse_cut(model, data);
     for (int c = 0; c < cuts; c++) {
         double points[6], depth[3];
         slit(data, length, random, points, depth);
-        cut_by_parts(model, data, points, depth, frames > 0, took);
+        cut_by_parts(model, data, points, depth, frames > 0, rests, took);
         for (int f = 0; f < frames; f++) {
             const double gravity[3] = {0.2 * (c % 2), 9.81, 0.1 * f};
             check(pliant_data_set_gravity(data, gravity));
@@ -163,7 +165,7 @@ void by_parts(const pliant_model *model, pliant_data *data, double length, int c
 
 int main(int argc, char **argv)
 {
-    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}, {"stages", 0}, {"frames", 3}, {"busy", 0}};
+    std::map<std::string, double> with = {{"cuts", 1000}, {"length", 0.006}, {"steps", 8}, {"undo", 4}, {"reset", 0}, {"warp", 1}, {"stages", 0}, {"frames", 3}, {"busy", 0}, {"rests", 0}};
     const std::string labels = std::string(PLIANT_TEST_DATA) + "/abdomen/labels_totalseg_fast.nii.gz", scan = std::string(PLIANT_TEST_DATA) + "/abdomen/ct.nii.gz";
     pliant_scene scene;
     pliant_volume volume{};
@@ -202,7 +204,7 @@ int main(int argc, char **argv)
     std::vector<double> last;
     const int cuts = with["stages"] > 0 ? 0 : int(with["cuts"]), steps = int(with["steps"]), undo = int(with["undo"]), reset = int(with["reset"]);
     int next = 10;
-    if (with["stages"] > 0) by_parts(model, data, with["length"], int(with["cuts"]), int(with["frames"]));
+    if (with["stages"] > 0) by_parts(model, data, with["length"], int(with["cuts"]), int(with["frames"]), with["rests"] > 0);
     else std::printf("   cuts   tetrahedra   nodes   links    cut [ms]: median, worst of the last tenth    held, resident [MB]    bits\n");
     for (int c = 1; c <= cuts; c++) {
         double points[6], depth[3];
