@@ -54,13 +54,13 @@ static bool joined_to_empty(const cut_work *work, int32_t empty, int32_t other)
     bool beside_cut = false;
     for (int c = 0; c < 4; c++) {
         if (across[c] < 0) continue;
-        beside_cut = beside_cut || work->state[across[c]] != 0;
+        beside_cut = beside_cut || cut_state(work, across[c]) != 0;
         if (host < 0 && !is_empty(work, across[c])) host = across[c];
     }
     const int32_t tet = cut_tet_of(work, other);
     if (!beside_cut) return joined_at_load(work, empty, tet);
     if (tet != host) return false;
-    const int32_t state = work->state[tet];
+    const int32_t state = cut_state(work, tet);
     if (state > 0) /* the fragment that keeps its number */
         return other >= work->body->fine.num_tets && work->fragment[other - work->body->fine.num_tets].stays &&
                work->fragment[other - work->body->fine.num_tets].source == tet;
@@ -73,8 +73,8 @@ static bool joined(const cut_work *work, int32_t a, int32_t b)
     const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
     if (s == t) return false;
     if (is_empty(work, s) || is_empty(work, t)) return is_empty(work, s) ? joined_to_empty(work, s, b) : joined_to_empty(work, t, a);
-    if (work->state[s] > 0 || work->state[t] > 0) return false;
-    return work->state[s] < 0 || work->state[t] < 0 ? pliant_cuts_join(work->cuts, a, b) : joined_at_load(work, s, t);
+    if (cut_state(work, s) > 0 || cut_state(work, t) > 0) return false;
+    return cut_state(work, s) < 0 || cut_state(work, t) < 0 ? pliant_cuts_join(work->cuts, a, b) : joined_at_load(work, s, t);
 }
 
 /* ---- around a node */
@@ -110,7 +110,7 @@ static pliant_status find_around(splitting *split, int32_t node)
     pliant_status status = PLIANT_OK;
     split->count = 0;
     for (int32_t e = voxels->around_start[load]; e < voxels->around_start[load + 1] && status == PLIANT_OK; e++) {
-        const int32_t tet = voxels->around[e] / 4, corner = voxels->around[e] % 4, state = work->state[tet];
+        const int32_t tet = voxels->around[e] / 4, corner = voxels->around[e] % 4, state = cut_state(work, tet);
         if (state == 0) {
             if (tets[4 * (size_t)tet + corner] == node) status = add_element(split, tet, corner);
         } else if (state > 0) {

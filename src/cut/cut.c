@@ -57,10 +57,9 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
 static pliant_status find_state(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;
-    work->state = pliant_calloc((size_t)work->voxels->num_tets, sizeof *work->state);
-    if (!work->state) return pliant_fail_memory("what a blade touches");
-    for (int32_t i = 0; cuts && i < cuts->num_tets; i++) work->state[cuts->tet[i]] = -i - 1;
-    return PLIANT_OK;
+    bool good = cut_sparse_create(work->voxels->num_tets, &work->state);
+    for (int32_t i = 0; cuts && i < cuts->num_tets && good; i++) good = cut_sparse_set(&work->state, cuts->tet[i], -i - 1);
+    return good ? PLIANT_OK : pliant_fail_memory("what a blade touches");
 }
 
 /* what this cut severs, after what those before it did */
@@ -85,9 +84,10 @@ static pliant_status write_down(cut_work *work)
 /* all but what is newly severed */
 static void forget(cut_work *work)
 {
-    void *blocks[] = {work->state, work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
+    void *blocks[] = {work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
                       work->table, work->changed, work->corners, work->tet_source, work->copy_fixed, work->material, work->place, work->doubtful, work->links.severed, work->joint};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
+    cut_sparse_free(&work->state);
     pliant_cuts_free(work->next);
     *work = (cut_work){.body = work->body, .voxels = work->voxels, .cuts = work->cuts, .positions = work->positions,
                        .num_links = work->num_links, .num_bridges = work->num_bridges, .link_room = work->link_room, .bridge_room = work->bridge_room,

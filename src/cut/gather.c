@@ -49,7 +49,7 @@ static pliant_status gather_fragments(const cut_work *work, pliant_cuts *next)
     const size_t fragments = (size_t)work->num_fragments + (size_t)(cuts ? cuts->start[cuts->num_tets] : 0);
     size_t kept = 0;
     int32_t at;
-    for (int32_t t = 0; cuts && t < cuts->num_tets; t++) kept += work->state[cuts->tet[t]] > 0 ? 0 : (size_t)count_voxels(work, cuts->tet[t]);
+    for (int32_t t = 0; cuts && t < cuts->num_tets; t++) kept += cut_state(work, cuts->tet[t]) > 0 ? 0 : (size_t)count_voxels(work, cuts->tet[t]);
     next->tet = pliant_calloc(tets, sizeof *next->tet);
     next->start = pliant_calloc(tets + 1, sizeof *next->start);
     next->fragment = pliant_calloc(fragments, sizeof *next->fragment);
@@ -74,7 +74,7 @@ static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
     next->chip = pliant_calloc((size_t)work->num_fragments + (size_t)(cuts ? cuts->num_chips : 0) + 1, 2 * sizeof *next->chip);
     if (!next->chip) return pliant_fail_memory("the chips of fragments");
     for (int32_t c = 0; cuts && c < cuts->num_chips; c++)
-        if (work->state[cuts->chip[2 * c]] <= 0) memcpy(next->chip + 2 * next->num_chips++, cuts->chip + 2 * c, 2 * sizeof *next->chip);
+        if (cut_state(work, cuts->chip[2 * c]) <= 0) memcpy(next->chip + 2 * next->num_chips++, cuts->chip + 2 * c, 2 * sizeof *next->chip);
     for (int32_t f = 0; f < work->num_fragments; f++) {
         const int32_t end = cut_final(work, tets + f);
         if (cut_tet_of(work, end) == work->fragment[f].tet) continue;
@@ -105,7 +105,7 @@ static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
     count = pliant_pairs_sort(made, count);
     for (int32_t old = 0, now = 0; old < before || now < count;) {
         const int32_t *join = old < before ? cuts->join + 2 * old : NULL;
-        if (join && (work->state[cut_parent(work, join[0])] > 0 || work->state[cut_parent(work, join[1])] > 0)) {
+        if (join && (cut_state(work, cut_parent(work, join[0])) > 0 || cut_state(work, cut_parent(work, join[1])) > 0)) {
             old++;
             continue;
         }

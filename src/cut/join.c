@@ -74,7 +74,7 @@ static pliant_status add_edge(cut_work *work, int32_t a, int32_t b, int32_t weig
 int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel)
 {
     const pliant_voxels *voxels = work->voxels;
-    const int32_t tet = voxels->owner[voxel], state = work->state[tet];
+    const int32_t tet = voxels->owner[voxel], state = cut_state(work, tet);
     if (state == 0) return tet;
     const int32_t place = pliant_voxel_in(voxels, tet, voxel);
     if (state > 0) return work->body->fine.num_tets + work->part[work->start[state - 1] + place];
@@ -159,7 +159,7 @@ pliant_status pliant_cut_find_edges(cut_work *work)
         for (int32_t e = voxels->beside_start[tet]; e < voxels->beside_start[tet + 1] && status == PLIANT_OK; e++) {
             const int32_t bridge = voxels->beside[e], *ends = voxels->bridge + 2 * bridge;
             const int32_t other = voxels->owner[ends[voxels->owner[ends[0]] == tet]];
-            if ((work->state[other] > 0 && other < tet) || pliant_bridge_severed(work->next, bridge)) continue;
+            if ((cut_state(work, other) > 0 && other < tet) || pliant_bridge_severed(work->next, bridge)) continue;
             status = add_edge(work, pliant_cut_end_of(work, ends[0]), pliant_cut_end_of(work, ends[1]), 1);
         }
     }

@@ -37,7 +37,7 @@ typedef struct severing {
     triangle_run *run;       /* of them, so many at a time */
     double slab[5];          /* of a fragment: only voxels with slab[3] <= slab[0..2] . index <= slab[4] are near them */
     double between[2];       /* and they lie between these, as far as its own map goes */
-    int32_t *map_of;         /* (fine tetrahedra) 1 + index into maps */
+    cut_sparse map_of;       /* of fine tetrahedra; 1 + index into maps */
     int32_t num_maps, map_room;
     voxel_map *maps;
 } severing;
@@ -70,18 +70,18 @@ static void find_map(const severing *cut, int32_t tet, voxel_map *map)
 
 static const voxel_map *map_of(severing *cut, int32_t tet)
 {
-    if (cut->map_of[tet] == 0) {
-        if (cut->num_maps == cut->map_room) {
-            const int32_t room = cut->map_room > 0 ? 2 * cut->map_room : 256;
-            voxel_map *longer = pliant_resize(cut->maps, (size_t)room, sizeof *longer);
-            if (!longer) return NULL;
-            cut->maps = longer;
-            cut->map_room = room;
-        }
-        find_map(cut, tet, cut->maps + cut->num_maps);
-        cut->map_of[tet] = ++cut->num_maps;
+    const int32_t known = cut_sparse_get(&cut->map_of, tet);
+    if (known > 0) return cut->maps + known - 1;
+    if (cut->num_maps == cut->map_room) {
+        const int32_t room = cut->map_room > 0 ? 2 * cut->map_room : 256;
+        voxel_map *longer = pliant_resize(cut->maps, (size_t)room, sizeof *longer);
+        if (!longer) return NULL;
+        cut->maps = longer;
+        cut->map_room = room;
     }
-    return cut->maps + cut->map_of[tet] - 1;
+    if (!cut_sparse_set(&cut->map_of, tet, cut->num_maps + 1)) return NULL;
+    find_map(cut, tet, cut->maps + cut->num_maps);
+    return cut->maps + cut->num_maps++;
 }
 
 static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
@@ -163,7 +163,7 @@ static pliant_status add_bridge(cut_work *work, int32_t bridge)
 /* the fine tetrahedron that carries a voxel that is owned */
 static int32_t carrier_of(const cut_work *work, int32_t voxel)
 {
-    const int32_t tet = work->voxels->owner[voxel], state = work->state[tet];
+    const int32_t tet = work->voxels->owner[voxel], state = cut_state(work, tet);
     return state == 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + pliant_voxel_in(work->voxels, tet, voxel)];
 }
 
@@ -299,7 +299,7 @@ static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const
 {
     const cut_work *work = cut->work;
     const pliant_voxels *voxels = work->voxels;
-    const int32_t first = voxels->start[owner], state = work->state[owner];
+    const int32_t first = voxels->start[owner], state = cut_state(work, owner);
     const int32_t *carrier = state < 0 ? work->cuts->voxel_fragment + work->cuts->voxel_start[-state - 1] : NULL;
     pliant_status status = PLIANT_OK;
     int32_t last = -2, at[3] = {0};
@@ -399,9 +399,8 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     pliant_status status = pliant_cut_strip(sweep, aside, &cut.strip);
     if (status == PLIANT_OK && cut.strip.count > 0) {
         cut.near = pliant_calloc((size_t)cut.strip.count, sizeof *cut.near);
-        cut.map_of = pliant_calloc((size_t)work->body->fine.num_tets, sizeof *cut.map_of);
         cut.run = pliant_calloc((size_t)(cut.strip.count / RUN) + 1, sizeof *cut.run);
-        if (!cut.near || !cut.map_of || !cut.run) status = pliant_fail_memory("the maps of fragments");
+        if (!cut_sparse_create(work->body->fine.num_tets, &cut.map_of) || !cut.near || !cut.run) status = pliant_fail_memory("the maps of fragments");
         if (status == PLIANT_OK) status = pliant_cut_near(work->body, work->positions, &cut.strip, cut.reach, cut.slack, &may);
         const size_t tets = (size_t)work->body->fine.num_tets;
         for (const uint8_t *at = may; status == PLIANT_OK && (at = memchr(at, 1, tets - (size_t)(at - may))); at++) status = try_fragment(&cut, (int32_t)(at - may));
@@ -411,7 +410,7 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     pliant_free(cut.near);
     pliant_free(cut.run);
     pliant_free(may);
-    pliant_free(cut.map_of);
+    cut_sparse_free(&cut.map_of);
     pliant_free(cut.maps);
     return status;
 }

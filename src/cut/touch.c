@@ -32,44 +32,57 @@ static pliant_status merge_severed(cut_work *work)
 
 /* ---- tetrahedra */
 
-/* touched[0] to touched[count - 1] are marked by a state above 0 */
-static bool mark(cut_work *work, int32_t tet)
+/* What is touched is listed, and marked by a state above 0. Errors: MEMORY. */
+static pliant_status mark(cut_work *work, int32_t tet)
 {
-    if (work->state[tet] > 0) return false;
-    work->state[tet] = 1;
-    work->num_touched++;
-    return true;
+    if (cut_state(work, tet) > 0) return PLIANT_OK;
+    if (work->num_touched == work->touched_room) {
+        const int32_t room = work->touched_room > 0 ? 2 * work->touched_room : 64;
+        int32_t *longer = pliant_resize(work->touched, (size_t)room, sizeof *longer);
+        if (!longer) return no_memory();
+        work->touched = longer;
+        work->touched_room = room;
+    }
+    if (!cut_sparse_set(&work->state, tet, 1)) return no_memory();
+    work->touched[work->num_touched++] = tet;
+    return PLIANT_OK;
+}
+
+/* chips are given away anew: who has one, and who gave it */
+static pliant_status mark_chips(cut_work *work)
+{
+    const pliant_cuts *cuts = work->cuts;
+    pliant_status status = PLIANT_OK;
+    for (int32_t before = -1; cuts && before < work->num_touched && status == PLIANT_OK;) {
+        before = work->num_touched;
+        for (int32_t c = 0; c < cuts->num_chips && status == PLIANT_OK; c++) {
+            const int32_t from = cuts->chip[2 * c], to = cut_parent(work, cuts->chip[2 * c + 1]);
+            if (cut_state(work, from) > 0) status = mark(work, to);
+            if (status == PLIANT_OK && cut_state(work, to) > 0) status = mark(work, from);
+        }
+    }
+    return status;
 }
 
 static pliant_status list_touched(cut_work *work)
 {
     const pliant_voxels *voxels = work->voxels;
-    const pliant_cuts *cuts = work->cuts;
-    for (int32_t i = 0; i < work->num_links; i++) {
+    pliant_status status = PLIANT_OK;
+    for (int32_t i = 0; i < work->num_links && status == PLIANT_OK; i++) {
         const int32_t voxel = (int32_t)(work->link[i] / 4);
-        mark(work, voxels->owner[voxel]);
-        mark(work, voxels->owner[voxel + pliant_stride_of(voxels, work->link[i] % 4)]);
+        status = mark(work, voxels->owner[voxel]);
+        if (status == PLIANT_OK) status = mark(work, voxels->owner[voxel + pliant_stride_of(voxels, work->link[i] % 4)]);
     }
-    for (int32_t i = 0; i < work->num_bridges; i++)
-        for (int end = 0; end < 2; end++) mark(work, voxels->owner[voxels->bridge[2 * work->bridge[i] + end]]);
-    /* chips are given away anew: who has one, and who gave it */
-    for (bool more = true; more;) {
-        more = false;
-        for (int32_t c = 0; cuts && c < cuts->num_chips; c++) {
-            const int32_t from = cuts->chip[2 * c], to = cut_parent(work, cuts->chip[2 * c + 1]);
-            if (work->state[from] > 0 && mark(work, to)) more = true;
-            if (work->state[to] > 0 && mark(work, from)) more = true;
-        }
-    }
-    work->touched = pliant_calloc((size_t)work->num_touched, sizeof *work->touched);
-    work->start = pliant_calloc((size_t)work->num_touched + 1, sizeof *work->start);
-    if (!work->touched || !work->start) return no_memory();
-    int32_t count = 0;
-    for (int32_t t = 0; t < voxels->num_tets; t++) {
-        if (work->state[t] <= 0) continue;
-        work->touched[count] = t;
-        work->start[count + 1] = work->start[count] + voxels->start[t + 1] - voxels->start[t];
-        work->state[t] = ++count;
+    for (int32_t i = 0; i < 2 * work->num_bridges && status == PLIANT_OK; i++)
+        status = mark(work, voxels->owner[voxels->bridge[2 * work->bridge[i / 2] + i % 2]]);
+    if (status == PLIANT_OK) status = mark_chips(work);
+    if (status != PLIANT_OK) return status;
+    if (!(work->start = pliant_calloc((size_t)work->num_touched + 1, sizeof *work->start))) return no_memory();
+    work->num_touched = sort_once(work->touched, work->num_touched);
+    for (int32_t i = 0; i < work->num_touched; i++) {
+        const int32_t t = work->touched[i];
+        work->start[i + 1] = work->start[i] + voxels->start[t + 1] - voxels->start[t];
+        cut_sparse_set(&work->state, t, i + 1); /* its run is there */
     }
     return PLIANT_OK;
 }
@@ -144,7 +157,7 @@ static pliant_status make_tables(cut_work *work)
 static int32_t index_of(const cut_work *work, int32_t voxel)
 {
     const int32_t tet = work->voxels->owner[voxel];
-    return work->start[work->state[tet] - 1] + pliant_voxel_in(work->voxels, tet, voxel);
+    return work->start[cut_state(work, tet) - 1] + pliant_voxel_in(work->voxels, tet, voxel);
 }
 
 static void find_parts(cut_work *work)

@@ -4,6 +4,7 @@
 
 #include "body/links.h"
 #include "body/parts.h"
+#include "cut/sparse.h"
 #include "pliant/cut.h"
 
 #ifdef __cplusplus
@@ -55,8 +56,8 @@ typedef struct cut_work {
     int32_t *bridge;
     /* ---- touch.c */
     pliant_cuts *next;               /* what is severed then; the rest follows in gather.c */
-    int32_t *state;                  /* (tetrahedra at load) > 0: touched, from 1 on; < 0: in cuts, from -1 on; 0: neither */
-    int32_t num_touched, *touched;   /* tetrahedra at load, ascending */
+    cut_sparse state;                /* of tetrahedra at load; > 0: touched, from 1 on; < 0: in cuts, from -1 on; 0: neither (cut_state) */
+    int32_t num_touched, touched_room, *touched; /* tetrahedra at load, ascending */
     int32_t *start;                  /* (num_touched + 1) into voxel, part */
     int32_t *first;                  /* (num_touched + 1) fragments of each */
     int32_t *voxel, *part;           /* of touched tetrahedra; part: fragment */
@@ -82,6 +83,8 @@ typedef struct cut_work {
     pliant_tet_material *material;   /* (num_changed and those appended) */
 } cut_work;
 
+/* what is known of a tetrahedron at load */
+static inline int32_t cut_state(const cut_work *work, int32_t tet) { return cut_sparse_get(&work->state, tet); }
 /* the tetrahedron at load of a fine one of the body before */
 static inline int32_t cut_parent(const cut_work *work, int32_t tet) { return work->body->tet_parent ? work->body->tet_parent[tet] : tet; }
 /* of an end of an edge */

@@ -1,0 +1,62 @@
+/* Numbers by tetrahedron, nearly all of them 0: only runs of tetrahedra of which some are not are kept. */
+#ifndef PLIANT_CUT_SPARSE_H
+#define PLIANT_CUT_SPARSE_H
+
+#include "pliant/memory.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { CUT_RUN = 256 };
+
+typedef struct cut_sparse {
+    int32_t *place;    /* (runs) of each in number, in runs; 0: that of those that are all 0 */
+    int32_t *number;   /* (room x CUT_RUN) */
+    int32_t runs, room;
+} cut_sparse;
+
+/* For tetrahedra below count. false: out of memory; to be cleared all the same. */
+static inline bool cut_sparse_create(int32_t count, cut_sparse *sparse)
+{
+    sparse->place = (int32_t *)pliant_calloc((size_t)count / CUT_RUN + 1, sizeof *sparse->place);
+    sparse->number = (int32_t *)pliant_calloc(4 * CUT_RUN, sizeof *sparse->number);
+    sparse->runs = 1;
+    sparse->room = 4;
+    return sparse->place && sparse->number;
+}
+
+static inline void cut_sparse_free(cut_sparse *sparse)
+{
+    pliant_free(sparse->place);
+    pliant_free(sparse->number);
+    sparse->place = sparse->number = NULL;
+}
+
+static inline int32_t cut_sparse_get(const cut_sparse *sparse, int32_t tet)
+{
+    return sparse->number[CUT_RUN * (size_t)sparse->place[tet / CUT_RUN] + (size_t)(tet % CUT_RUN)];
+}
+
+/* false: out of memory, and it is as it was */
+static inline bool cut_sparse_set(cut_sparse *sparse, int32_t tet, int32_t number)
+{
+    int32_t *place = sparse->place + tet / CUT_RUN;
+    if (*place == 0 && sparse->runs == sparse->room) {
+        int32_t *longer = (int32_t *)pliant_resize(sparse->number, 2 * (size_t)sparse->room * CUT_RUN, sizeof *longer);
+        if (!longer) return false;
+        sparse->number = longer;
+        sparse->room *= 2;
+    }
+    if (*place == 0) *place = sparse->runs++;
+    sparse->number[CUT_RUN * (size_t)*place + (size_t)(tet % CUT_RUN)] = number;
+    return true;
+}
+
+#ifdef __cplusplus
+}
+#endif
+#endif
