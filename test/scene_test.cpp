@@ -375,6 +375,7 @@ TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
     scene.model.gravity[1] = 1.0 / 3;
     scene.grasp.stiffness = 123456.789012345678;
     scene.mesh.coarse_cells[2] = 17;
+    scene.grasp.kind = PLIANT_GRASP_BLOB;
     scene.cut.kind = PLIANT_CUT_SEVER;
     scene.contact.self = true;
     strcpy(scene.material.labels, "/a folder/with \"quotes\", a \\ and: a colon # or so,\ttab, \n line, \x01 and \x7f, \xc3\xa4.nii.gz");
@@ -391,6 +392,7 @@ TEST(scene, told_as_text_is_the_same_scene_to_the_bit)
     EXPECT_STREQ(again.material.labels, scene.material.labels);
     EXPECT_EQ(again.model.gravity[1], scene.model.gravity[1]);
     EXPECT_EQ(again.grasp.stiffness, scene.grasp.stiffness);
+    EXPECT_EQ(again.grasp.kind, PLIANT_GRASP_BLOB);
     EXPECT_EQ(again.mesh.coarse_cells[2], 17);
     EXPECT_EQ(again.cut.kind, PLIANT_CUT_SEVER);
     EXPECT_TRUE(again.contact.self);

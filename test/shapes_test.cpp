@@ -80,6 +80,29 @@ TEST(Shapes, TheNormalIsTheGradientAndLeadsToTheSurface)
     }
 }
 
+TEST(Shapes, OfThoseWithJawsContactHoldsUnlessTheSceneSaysOtherwise)
+{
+    pliant_scene scene;
+    pliant_scene_defaults(&scene);
+    EXPECT_EQ(scene.grasp.kind, PLIANT_GRASP_AUTO);
+    pliant_tool_shape jaws, rod, none{}, one_jaw{};
+    ASSERT_EQ(pliant_tool_shape_find("prograsp_forceps", &jaws), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_shape_find("probe", &rod), PLIANT_OK);
+    one_jaw.num_parts = 2;
+    one_jaw.part[0] = one_jaw.part[1] = capsule();
+    one_jaw.part[1].frame = PLIANT_FRAME_JAW_MINUS;
+    const struct { const pliant_tool_shape *shape; bool jaws; } rows[] = {{&jaws, true}, {&one_jaw, true}, {&rod, false}, {&none, false}};
+    for (const auto &row : rows) {
+        EXPECT_EQ(pliant_tool_shape_has_jaws(row.shape), row.jaws);
+        for (const char *kind : {"auto", "blob", "contact"}) {
+            ASSERT_EQ(pliant_scene_set(&scene, "grasp/kind", kind), PLIANT_OK) << pliant_last_error();
+            const bool holds = scene.grasp.kind == PLIANT_GRASP_CONTACT || (scene.grasp.kind == PLIANT_GRASP_AUTO && row.jaws);
+            EXPECT_EQ(pliant_tool_shape_holds(&scene, row.shape), holds) << kind;
+        }
+    }
+    EXPECT_EQ(pliant_scene_set(&scene, "grasp/kind", "glue"), PLIANT_ERROR_SCENE);
+}
+
 TEST(Shapes, WhatIsInsideLeavesAlongADirection)
 {
     Random random;

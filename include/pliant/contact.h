@@ -48,6 +48,10 @@ PLIANT_API pliant_status pliant_tool_shape_find(const char *name, pliant_tool_sh
 PLIANT_API pliant_status pliant_tool_shape_read(const char *path, pliant_tool_shape *out);
 /** Releases the solids of a shape that was read, and leaves it without parts. */
 PLIANT_API void pliant_tool_shape_free(pliant_tool_shape *shape);
+/** Whether a part of it moves with the jaws' angle. */
+PLIANT_API bool pliant_tool_shape_has_jaws(const pliant_tool_shape *shape);
+/** Whether a tool of this shape takes hold by contact alone (grasp/kind): who closes its jaws then calls no pliant_tool_grasp. */
+PLIANT_API bool pliant_tool_shape_holds(const pliant_scene *scene, const pliant_tool_shape *shape);
 /** By an offset in the tool's frame [m]. */
 PLIANT_API void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3]);
 

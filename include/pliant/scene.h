@@ -35,6 +35,7 @@ extern "C" {
 #define PLIANT_TRIGGER_LIST(X)                                                                    \
     X(PLIANT_TRIGGER_ALWAYS, always) X(PLIANT_TRIGGER_JAW, jaw) X(PLIANT_TRIGGER_ENERGY, energy)  \
     X(PLIANT_TRIGGER_SERVICE, service)
+#define PLIANT_GRASP_LIST(X) X(PLIANT_GRASP_AUTO, auto) X(PLIANT_GRASP_BLOB, blob) X(PLIANT_GRASP_CONTACT, contact)
 #define PLIANT_RESPONSE_LIST(X) X(PLIANT_RESPONSE_PUSH, push) X(PLIANT_RESPONSE_PAPER, paper)
 #define PLIANT_MEASURE_LIST(X) X(PLIANT_MEASURE_MAX, max) X(PLIANT_MEASURE_P95, p95) X(PLIANT_MEASURE_RMS, rms)
 
@@ -53,6 +54,7 @@ typedef enum pliant_segment_kind { PLIANT_SEGMENT_LIST(PLIANT_CHOICE_ENUM) } pli
 typedef enum pliant_cut_kind { PLIANT_CUT_LIST(PLIANT_CHOICE_ENUM) } pliant_cut_kind;
 typedef enum pliant_trigger { PLIANT_TRIGGER_LIST(PLIANT_CHOICE_ENUM) } pliant_trigger;
 typedef enum pliant_measure { PLIANT_MEASURE_LIST(PLIANT_CHOICE_ENUM) } pliant_measure;
+typedef enum pliant_grasp_kind { PLIANT_GRASP_LIST(PLIANT_CHOICE_ENUM) } pliant_grasp_kind;
 typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant_response;
 #undef PLIANT_CHOICE_ENUM
 
@@ -76,6 +78,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 #define PLIANT_DECLARE_CUT(name) pliant_cut_kind name;
 #define PLIANT_DECLARE_TRIGGER(name) pliant_trigger name;
 #define PLIANT_DECLARE_MEASURE(name) pliant_measure name;
+#define PLIANT_DECLARE_GRASP(name) pliant_grasp_kind name;
 #define PLIANT_DECLARE_RESPONSE(name) pliant_response name;
 #define PLIANT_DECLARE_LAW(name) pliant_law name;
 
@@ -152,6 +155,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, friction, 0.3, 0.0, 100.0, "", "Coulomb's coefficient on plane and box")                                  \
     X(REAL, restitution, 0.0, 0.0, 1.0, "", "normal speed of a node after it hits them over that before")
 #define PLIANT_SCENE_GRASP(X)                                                                                          \
+    X(GRASP, kind, PLIANT_GRASP_AUTO, 0, 0, "", "what a robot's jaws do as they close: blob: the tissue around the tip is tied to the tool; contact: nothing is, friction holds what lies between the jaws of its shape (contact/friction); auto: contact where its shape has jaws, else blob") \
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, slip, 0.0, 0.0, 1e6, "N", "a grip by a spring that would take more than this slips, and is lost once it has slipped as far as the blob is wide; 0: it holds whatever comes") \

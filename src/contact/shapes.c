@@ -154,6 +154,23 @@ void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3])
     }
 }
 
+bool pliant_tool_shape_has_jaws(const pliant_tool_shape *shape)
+{
+    for (int32_t p = 0; p < shape->num_parts; p++)
+        if (shape->part[p].frame != PLIANT_FRAME_TIP) return true;
+    return false;
+}
+
+bool pliant_tool_shape_holds(const pliant_scene *scene, const pliant_tool_shape *shape)
+{
+    switch (scene->grasp.kind) {
+    case PLIANT_GRASP_AUTO: return pliant_tool_shape_has_jaws(shape);
+    case PLIANT_GRASP_BLOB: return false;
+    case PLIANT_GRASP_CONTACT: return true;
+    }
+    return false;
+}
+
 void pliant_tool_shape_free(pliant_tool_shape *shape)
 {
     for (int32_t p = 0; p < shape->num_parts; p++) pliant_solid_release(shape->part[p].solid);

@@ -22,6 +22,7 @@ static const char *const law_names[] = {PLIANT_LAW_LIST(CHOICE_NAME) NULL};
 static const char *const cut_names[] = {PLIANT_CUT_LIST(CHOICE_NAME) NULL};
 static const char *const trigger_names[] = {PLIANT_TRIGGER_LIST(CHOICE_NAME) NULL};
 static const char *const measure_names[] = {PLIANT_MEASURE_LIST(CHOICE_NAME) NULL};
+static const char *const grasp_names[] = {PLIANT_GRASP_LIST(CHOICE_NAME) NULL};
 static const char *const response_names[] = {PLIANT_RESPONSE_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
@@ -31,7 +32,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
                    sizeof(pliant_solver_kind) == sizeof(int) && sizeof(pliant_law) == sizeof(int) &&
                    sizeof(pliant_mesh_kind) == sizeof(int) && sizeof(pliant_warp_kind) == sizeof(int) && sizeof(pliant_segment_kind) == sizeof(int) &&
-                   sizeof(pliant_measure) == sizeof(int) && sizeof(pliant_response) == sizeof(int),
+                   sizeof(pliant_measure) == sizeof(int) && sizeof(pliant_response) == sizeof(int) && sizeof(pliant_grasp_kind) == sizeof(int),
                "choices have the size of an int");
 
 /* kind, default as a number, default as a string, names of the choices */
@@ -54,6 +55,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_CUT(value) PLIANT_OPTION_CHOICE, value, NULL, cut_names
 #define KIND_TRIGGER(value) PLIANT_OPTION_CHOICE, value, NULL, trigger_names
 #define KIND_MEASURE(value) PLIANT_OPTION_CHOICE, value, NULL, measure_names
+#define KIND_GRASP(value) PLIANT_OPTION_CHOICE, value, NULL, grasp_names
 #define KIND_RESPONSE(value) PLIANT_OPTION_CHOICE, value, NULL, response_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 

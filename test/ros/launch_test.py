@@ -127,6 +127,9 @@ class LaunchTest(unittest.TestCase):
         nodes = self.robot("tissue.launch", "rviz:=true")[2]
         self.assertEqual(dict(nodes["rviz"].remap_args)["grasper/marker"], "grasper/marker")
 
+        self.assertNotIn("/tissue/sim/grasp/kind", params, "the scene's own")
+        self.assertEqual(self.robot("dvrk.launch", "grasp:=blob")[1]["/tissue/sim/grasp/kind"], "blob")
+
         topics, params, nodes = self.robot("dvrk.launch", "arm:=PSM2", "haptic:=true", "gain:=0.1")
         guard = dict(nodes["force_guard"].remap_args)
         self.assertEqual(guard["following"], "/MTML_PSM2/following")

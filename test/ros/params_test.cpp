@@ -80,6 +80,11 @@ TEST(Params, AShapeHasANameOrAFile)
     EXPECT_EQ(parameters.tools[0].shape.num_parts, 4);
     EXPECT_TRUE(parameters.tools[0].grasps);
     EXPECT_EQ(parameters.tools[1].shape.num_parts, 0);
+    tree["grasp"]["kind"] = "blob";
+    EXPECT_EQ(read(tree).scene.grasp.kind, PLIANT_GRASP_BLOB);
+    tree["grasp"]["kind"] = "glue";
+    EXPECT_NE(refusal(tree).find("auto | blob | contact"), std::string::npos) << refusal(tree);
+    tree["grasp"]["kind"] = "auto";
     tree["tool"]["PSM1"]["shape"] = "spoon";
     EXPECT_NE(refusal(tree).find("~tool/PSM1/shape: there is no instrument 'spoon'"), std::string::npos) << refusal(tree);
     tree["tool"]["PSM1"]["shape"] = "/nowhere/shape.yaml";

@@ -73,6 +73,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
     Data data = create_data(*next->model);
     add_tools(*next->model, data.get(), tool_inputs());
     if (from) put_back(*from, *next->model, data.get());
+    tell_who_holds_nothing(*pliant_model_get_scene(next->model));
     at_boundary([&] {
         if (from) paused_ = from->paused;
         state_->set(paused_ ? SimState::PAUSED : SimState::READY, "");
@@ -95,6 +96,15 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
         health_.backend = pliant_data_get_backend(data_.get());
     });
     data.reset(); /* before its model, which `next` holds */
+}
+
+void Simulation::tell_who_holds_nothing(const pliant_scene &scene) const
+{
+    for (size_t i = 0; i < tools_->size(); ++i) {
+        const ToolParameters &tool = tools_->parameters(i);
+        if (tool.grasps && !tool.shape_follows && pliant_tool_shape_holds(&scene, &tool.shape) && !pliant_tool_shape_has_jaws(&tool.shape))
+            ROS_WARN("tool %s holds nothing: grasp/kind is contact, and its shape (~tool/%s/shape) has no jaws", tool.name.c_str(), tool.name.c_str());
+    }
 }
 
 std::shared_ptr<const Loaded> Simulation::loaded() const
@@ -288,14 +298,14 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         input.jaw = sample.angle;
         std::copy(sample.in_tissue.translation, sample.in_tissue.translation + 3, input.tip.begin());
         std::copy(sample.in_tissue.rotation, sample.in_tissue.rotation + 4, input.rotation.begin());
-        /* a jaw takes hold as it closes; one that comes closed pushes past the tissue */
-        input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
-        input.closes = input.closed && was_open_[i];
-        input.cuts = sample.present && cuts_now(i, sample);
-        pliant_tool_shape shape{};
+        pliant_tool_shape shape = tools_->parameters(i).shape;
         const bool news = tools_->exchanged(i, &shape);
         if (tools_->parameters(i).shape_follows) set_shape(shape, &input);
         input.exchanged = tools_->parameters(i).shape_follows && (news || anew_);
+        /* a jaw takes hold as it closes; one that comes closed pushes past the tissue, and one that holds by contact takes nothing */
+        input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
+        input.closes = input.closed && was_open_[i] && !pliant_tool_shape_holds(pliant_model_get_scene(current_->model), &shape);
+        input.cuts = sample.present && cuts_now(i, sample);
         was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
     }
     anew_ = false;

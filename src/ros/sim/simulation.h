@@ -64,6 +64,7 @@ private:
     void do_boundary_work();
     bool jumped_back(const ros::Time &now);
     void take_settings(Step *out) const;
+    void tell_who_holds_nothing(const pliant_scene &scene) const;
     void take_tools(const ros::Time &now, bool forgotten, Step *out);
     bool hold_again(const Step &step);
     void show(const ros::Time &now);

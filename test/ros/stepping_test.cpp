@@ -1,0 +1,59 @@
+// What a recorded turn says is done, by a library that is newer than the recording, too. No ROS, no clock.
+#include "../pipeline/body.h"
+#include "ros/sim/stepping.h"
+
+#include <algorithm>
+
+namespace {
+
+using pliant_ros::Step;
+using pliant_ros::ToolInput;
+
+const int size[3] = {6, 6, 6};
+const double box[3] = {0.12, 0.12, 0.12};
+
+// A turn with a forceps in the tissue: grasp/kind is auto, and a node of today records of it no jaw that closes.
+Step turn(const pliant_tool_shape &shape, bool closes)
+{
+    Step step;
+    step.iterations = 4;
+    step.tolerance = 1e-3;
+    step.stiffness = 1000;
+    ToolInput tool;
+    tool.name = "forceps";
+    tool.present = tool.closed = true;
+    tool.closes = closes;
+    tool.tip[0] = tool.tip[1] = 0.06;
+    tool.tip[2] = 0.11;
+    tool.rotation[0] = 1;
+    pliant_ros::set_shape(shape, &tool);
+    step.tools.push_back(tool);
+    return step;
+}
+
+TEST(Stepping, AJawThatClosesInARecordingTakesHoldThoughItsShapeHasJaws)
+{
+    pliant_tool_shape shape;
+    ASSERT_EQ(pliant_tool_shape_find("prograsp_forceps", &shape), PLIANT_OK);
+    for (bool closes : {true, false}) {
+        Body block(size, box, {{4000, 0.45, 1000, false}});
+        block.fix_plane(0, 0, 0.041, 0, 0, 1);
+        block.cells(6, 6, 6, 1);
+        block.scene.solver.threads = 1;
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_TRUE(pliant_tool_shape_holds(&block.scene, &shape));
+        Step step = turn(shape, closes);
+        pliant_ros::add_tools(*block.model, block.data, step.tools);
+        for (int s = 0; s < 3; s++) {
+            ASSERT_GE(pliant_ros::make_step(*block.model, block.data, PLIANT_BACKGROUND_PLANNED, step), 0) << pliant_last_error();
+            step.tools[0].closes = false;
+            step.tools[0].tip[2] += 0.002;
+        }
+        pliant_tool_state state;
+        ASSERT_EQ(pliant_tool_get(block.data, 0, &state), PLIANT_OK);
+        EXPECT_EQ(state.holding, closes);
+        EXPECT_EQ(state.force[2] > 0.01, closes) << state.force[2];
+    }
+}
+
+} // namespace
