@@ -195,6 +195,65 @@ class Python(unittest.TestCase):
         with self.assertRaises(ValueError):
             sim.render(np.eye(2), T, size)
 
+    def test_a_shape_presses_and_is_felt(self):
+        model = pliant.Model(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}), shapes=True)
+        sim = pliant.Sim(model=model)
+        self.assertEqual(len(sim.contacts), 0)
+        other, probe = sim.tool("other"), sim.tool("probe")
+        probe.shape("probe")
+        skin, inwards = np.array([-0.027, -0.125, -0.025]), [-0.5 ** 0.5, 0, 0, 0.5 ** 0.5]  # the rod comes along y
+        for step in range(20):
+            probe.move(skin + [0, 0.001 * step, 0], inwards)
+            sim.step()
+        told, all_told = probe.contacts, sim.contacts
+        self.assertGreater(len(told), 0)
+        self.assertEqual((len(told), len(other.contacts)), (len(all_told), 0))
+        self.assertTrue((told.tools == told.tools[0]).all() and (told.parts == 0).all() and not told.tissue.any())
+        np.testing.assert_allclose(np.linalg.norm(told.normals, axis=1), 1, atol=1e-12)
+        self.assertTrue((told.areas > 0).all() and (told.normals[:, 1] > 0).all() and (np.abs(told.depths) < 1e-4).all())
+        self.assertEqual((len(told), max(told.depths.max(), 0)), (sim.statistics["contacts"], sim.statistics["penetration"]))
+        self.assertGreater(probe.force[1], 0.05)  # into the tissue
+        np.testing.assert_allclose(probe.force, told.forces.sum(axis=0), rtol=1e-12, atol=1e-15)
+        torque = np.cross(told.points - probe.state["tip"], told.forces).sum(axis=0)
+        np.testing.assert_allclose(probe.wrench, np.concatenate([probe.force, torque]), rtol=1e-9, atol=1e-15)
+        nodal = sim.scalar("contact_force")
+        self.assertGreater(nodal.max(), 0.01)
+        self.assertTrue((nodal[np.linalg.norm(sim.rest - skin, axis=1) > 0.1] == 0).all())
+        # by hold and contact together
+        probe.grasp(LIVER)
+        probe.drive("force", [0.1, 0, 0])
+        sim.step()
+        held, told = probe.state, probe.contacts
+        self.assertGreater(len(told), 0)
+        np.testing.assert_allclose(probe.force, told.forces.sum(axis=0) + [0.1, 0, 0], rtol=1e-12)
+        torque = np.cross(told.points - held["tip"], told.forces).sum(axis=0) + np.cross(held["held_point"] - held["tip"], [0.1, 0, 0])
+        np.testing.assert_allclose(probe.wrench[3:], torque, rtol=1e-9)
+        probe.release()
+        probe.shape(None)
+        sim.step()
+        self.assertEqual(len(sim.contacts), 0)
+        self.assertTrue((probe.wrench == 0).all())
+        with self.assertRaisesRegex(pliant.Error, "no instrument 'spoon'"):
+            probe.shape("spoon")
+        with self.assertRaisesRegex(pliant.Error, "finite"):
+            probe.jaw(np.nan)
+
+    def test_a_jaw_opens_into_the_tissue(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "jaw.yaml")
+            with open(path, "w") as file:
+                file.write("joint: [0, 0, -0.1]\naxis: [1, 0, 0]\nparts: [{kind: sphere, moves: jaw_minus, from: [0, 0, 0], radius: 0.004}]\n")
+            sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}), shapes=True)
+            jaw = sim.tool("jaw")
+            jaw.shape(path, offset=(0, 0.001, 0))
+        for angle in (0, 0.1, 0.35):  # half of it turns the ball towards +y, 0.1 m from its joint: 17 mm at last
+            jaw.move([-0.027, -0.14, -0.025])
+            jaw.jaw(angle)
+            sim.step()
+            self.assertEqual(len(jaw.contacts) > 0, angle > 0.1)
+        self.assertGreater(jaw.force[1], 0.02)
+        self.assertFalse(jaw.holding)
+
     def test_an_environment_to_learn_in(self):
         import gym_environment
         rewards = []

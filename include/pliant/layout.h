@@ -1,5 +1,5 @@
 /** @file layout.h
- *  Where the fields of public structs lie, for bindings of other languages (src/python/pliant.py): they ask the library that runs
+ *  Where the fields of public structs lie, for bindings of other languages (src/python/pliant_library.py): they ask the library that runs
  *  instead of repeating its headers.
  */
 #ifndef PLIANT_LAYOUT_H

@@ -34,19 +34,21 @@ if(NOT PLIANT_MSGS_ONLY)
   install(DIRECTORY launch/ DESTINATION ${PLIANT_SHARE_DIR}/launch USE_SOURCE_PERMISSIONS
           FILES_MATCHING PATTERN "*.launch" PATTERN "*.yaml" PATTERN "*.rviz" PATTERN "*.py")
 endif()
-# pliant.py: where ROS is, a module of the messages' package, whose first file imports it once it is asked for
+# pliant.py and what it stands on: where ROS is, a module of the messages' package, whose first file imports it once it is asked for
 if(PLIANT_WITH_ROS AND NOT PLIANT_MSGS_ONLY)
   configure_file(src/python/package.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/__init__.py COPYONLY)
   configure_file(src/python/pliant.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/simulation.py COPYONLY)
+  configure_file(src/python/pliant_library.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant/pliant_library.py COPYONLY)
   install(FILES src/python/package.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME __init__.py)
   install(FILES src/python/pliant.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant RENAME simulation.py)
+  install(FILES src/python/pliant_library.py DESTINATION ${CATKIN_GLOBAL_PYTHON_DESTINATION}/pliant)
   # beside pliant_bag, which runs it
   configure_file(src/python/lerobot.py ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_BIN_DESTINATION}/pliant_lerobot COPYONLY)
   foreach(folder ${PLIANT_BIN_DIR} ${PLIANT_NODE_DIR})
     install(PROGRAMS src/python/lerobot.py DESTINATION ${folder} RENAME pliant_lerobot)
   endforeach()
 elseif(NOT PLIANT_WITH_ROS)
-  install(FILES src/python/pliant.py DESTINATION ${PLIANT_LIB_DIR}/python3/dist-packages)
+  install(FILES src/python/pliant.py src/python/pliant_library.py DESTINATION ${PLIANT_LIB_DIR}/python3/dist-packages)
 endif()
 install(FILES LICENSE README.md DESTINATION ${PLIANT_SHARE_DIR})
 # plugins that are not installed are not named: in place of the package.xml that catkin has installed

@@ -1,4 +1,5 @@
 /* Fields and sizes of public structs, for bindings of other languages. */
+#include "pliant/contact.h"
 #include "pliant/data.h"
 #include "pliant/layout.h"
 #include "pliant/render.h"
@@ -33,14 +34,17 @@ static const pliant_field_layout fields[] = {
 
     COUNTS(pliant_statistics, step), REALS(pliant_statistics, seconds), INTS(pliant_statistics, iterations), REALS(pliant_statistics, residual),
     REALS(pliant_statistics, error), REALS(pliant_statistics, residual_force), INTS(pliant_statistics, falling),
-    COUNTS(pliant_statistics, not_converged), COUNTS(pliant_statistics, failed), FIELD(pliant_statistics, bytes, 'N', size_t),
+    INTS(pliant_statistics, contacts), REALS(pliant_statistics, penetration), COUNTS(pliant_statistics, not_converged), COUNTS(pliant_statistics, failed), FIELD(pliant_statistics, bytes, 'N', size_t),
 
     TEXT(pliant_tool_state, name), FLAG(pliant_tool_state, present), REALS(pliant_tool_state, tip), REALS(pliant_tool_state, rotation),
     INTS(pliant_tool_state, drive), REALS(pliant_tool_state, stiffness), REALS(pliant_tool_state, damping), REALS(pliant_tool_state, radius),
     FLAG(pliant_tool_state, holding), COUNTS(pliant_tool_state, hold), INTS(pliant_tool_state, num_held), REALS(pliant_tool_state, held_point),
-    REALS(pliant_tool_state, force), FLAG(pliant_tool_state, cutting), FLAG(pliant_tool_state, engaged),
+    REALS(pliant_tool_state, force), REALS(pliant_tool_state, contact_force), REALS(pliant_tool_state, contact_torque), FLAG(pliant_tool_state, cutting), FLAG(pliant_tool_state, engaged),
     REALS(pliant_tool_state, engaged_length), REALS(pliant_tool_state, severed_area), COUNTS(pliant_tool_state, stroke),
     INTS(pliant_tool_state, pieces),
+
+    INTS(pliant_contact, tool), INTS(pliant_contact, part), FLAG(pliant_contact, tissue), REALS(pliant_contact, place), REALS(pliant_contact, normal),
+    REALS(pliant_contact, force), REALS(pliant_contact, area), REALS(pliant_contact, depth),
 
     INTS(pliant_cut_report, num_links), INTS(pliant_cut_report, num_bridges), INTS(pliant_cut_report, touched), REALS(pliant_cut_report, area),
     INTS(pliant_cut_report, pieces),
@@ -69,7 +73,7 @@ size_t pliant_layout_size(const char *of)
 #define SIZE(name) {#name, sizeof(name)}
     static const struct { const char *name; size_t bytes; } sizes[] = {
         SIZE(pliant_geometry), SIZE(pliant_volume), SIZE(pliant_labels), SIZE(pliant_material), SIZE(pliant_material_table),
-        SIZE(pliant_tet_material), SIZE(pliant_body), SIZE(pliant_statistics), SIZE(pliant_tool_state), SIZE(pliant_cut_report),
+        SIZE(pliant_tet_material), SIZE(pliant_body), SIZE(pliant_statistics), SIZE(pliant_tool_state), SIZE(pliant_tool_shape), SIZE(pliant_contact), SIZE(pliant_cut_report),
         SIZE(pliant_scene), SIZE(pliant_camera), SIZE(pliant_c_arm), SIZE(pliant_style), SIZE(pliant_image),
     };
 #undef SIZE
