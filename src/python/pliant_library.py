@@ -41,7 +41,7 @@ class _Field(ctypes.Structure):
     _fields_ = [("of", _text), ("name", _text), ("kind", ctypes.c_char), ("offset", _size), ("count", _size)]
 
 
-def _declare(result, name, *arguments):
+def declare(result, name, *arguments):
     function = getattr(library, "pliant_" + name)
     function.restype, function.argtypes = result, arguments
     return function
@@ -91,7 +91,7 @@ for _result, _name, *_arguments in (
         (_int, "view_set", _pointer, _pointer, _pointer, _pointer), (_int, "view_render", _pointer, _pointer, _pointer, _pointer),
         (_int, "view_radiograph", _pointer, _pointer, _double, _pointer),
         (_pointer, "body_retain", _pointer), (None, "body_release", _pointer)):
-    _declare(_result, _name, *_arguments)
+    declare(_result, _name, *_arguments)
 
 
 def _read_layout():

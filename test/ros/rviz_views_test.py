@@ -59,19 +59,19 @@ def matrix(rotation, translation):
 def cast(labels, voxels, body, camera, size, focal, centre):
     """Labels that the ray caster sees. body, camera: where they are on the stage (4 x 4); the camera's axes are the optical ones."""
     def volume_of(array):
-        volume = pliant._Struct("pliant_volume")
+        volume = library.Struct("pliant_volume")
         for name, value in (("geometry.size", array.shape[::-1]), ("geometry.spacing", [VOXEL] * 3), ("geometry.direction", numpy.eye(3)),
                             ("geometry.origin", [-VOXEL * (EDGE - 1) / 2] * 3), ("encoding", 1), ("slope", 1), ("voxels", array.ctypes.data)):
             volume[name] = value
         return volume
     seen = numpy.zeros(size[::-1], numpy.uint8)
     K = [[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]]
-    at, image, style = pliant._camera(K, numpy.linalg.inv(body) @ camera, size, 0, 0), pliant._Struct("pliant_image"), pliant._Struct("pliant_style")
+    at, image, style = pliant._camera(K, numpy.linalg.inv(body) @ camera, size, 0, 0), library.Struct("pliant_image"), library.Struct("pliant_style")
     scan, of = volume_of(voxels), volume_of(labels)
-    pliant._call("style_defaults", scan.address, style.address)
+    library.call("style_defaults", scan.address, style.address)
     style["threshold"] = 76
     image["label"] = seen.ctypes.data
-    pliant._call("render", scan.address, of.address, at.address, style.address, 2, image.address)
+    library.call("render", scan.address, of.address, at.address, style.address, 2, image.address)
     return seen
 
 
@@ -178,11 +178,12 @@ if __name__ == "__main__":
     import ctypes
 
     import pliant
+    import pliant.pliant_library as library
     import rospy
     import tf2_ros
     from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
     from pliant.msg import Volume
     from sensor_msgs.msg import CameraInfo, Image
-    pliant._declare(ctypes.c_int, "render", *[ctypes.c_void_p] * 4, ctypes.c_int, ctypes.c_void_p)
+    library.declare(ctypes.c_int, "render", *[ctypes.c_void_p] * 4, ctypes.c_int, ctypes.c_void_p)
     pictures.Volume = Volume
     unittest.main(warnings="ignore")  # rospy's own
