@@ -14,8 +14,9 @@ extern "C" {
 /* MEMORY when the device has no room, UNAVAILABLE for all else: the device or its driver is gone or broken. */
 pliant_status pliant_cuda_status(cudaError_t error, const char *what);
 
-/* For tests: the call after the next `calls` ones fails, once, as if the device were lost. Negative: none (the default). */
-void pliant_cuda_fail_after(int64_t calls);
+/* For tests: the call after the next `calls` ones fails, once, as if the device were lost. Negative: none (the default). Returns what was left of those that
+ * were asked for before: negative: one has failed, or none was to. */
+int64_t pliant_cuda_fail_after(int64_t calls);
 bool pliant_cuda_fails_now(void);
 
 #define CUDA_CALL(call) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : (call), #call)

@@ -13,7 +13,7 @@
 
 static std::atomic<long long> calls_left{-1};
 
-extern "C" void pliant_cuda_fail_after(int64_t calls) { calls_left = calls; }
+extern "C" int64_t pliant_cuda_fail_after(int64_t calls) { return calls_left.exchange(calls); }
 
 extern "C" bool pliant_cuda_fails_now(void)
 {
@@ -98,7 +98,8 @@ extern "C" cudaMemPool_t pliant_cuda_pool_create(int device)
     wanted.allocType = cudaMemAllocationTypePinned;
     wanted.location.type = cudaMemLocationTypeDevice;
     wanted.location.id = device;
-    if (cudaDeviceGetAttribute(&there, cudaDevAttrMemoryPoolsSupported, device) != cudaSuccess || !there || cudaMemPoolCreate(&pool, &wanted) != cudaSuccess) {
+    if (pliant_cuda_fails_now() || cudaDeviceGetAttribute(&there, cudaDevAttrMemoryPoolsSupported, device) != cudaSuccess || !there ||
+        cudaMemPoolCreate(&pool, &wanted) != cudaSuccess) {
         cudaGetLastError();
         return nullptr;
     }

@@ -74,7 +74,11 @@ struct Block : Body {
     pliant_status begin()
     {
         const pliant_status status = build();
-        if (status != PLIANT_OK) return status;
+        return status == PLIANT_OK ? place() : status;
+    }
+    // the tools above it
+    pliant_status place()
+    {
         add("ball", PLIANT_PART_SPHERE, 0.006, 0.042, 0.0212);
         if (!c.slot) {
             add("shaft", PLIANT_PART_CAPSULE, 0.003, 0.021, 0.0193);
@@ -189,12 +193,16 @@ struct Sheet : Body {
     }
     pliant_status begin()
     {
+        const pliant_status status = build();
+        return status == PLIANT_OK ? place() : status;
+    }
+    pliant_status place()
+    {
         int tool = -1;
         pliant_tool_shape rod{};
         rod.num_parts = 1;
         rod.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, radius, false};
-        pliant_status status = build();
-        if (status == PLIANT_OK) status = pliant_tool_add(model, data, "rod", &tool);
+        const pliant_status status = pliant_tool_add(model, data, "rod", &tool);
         return status == PLIANT_OK ? pliant_tool_set_shape(data, tool, &rod) : status;
     }
     pliant_status step(int s, double x)

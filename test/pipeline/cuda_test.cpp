@@ -1,4 +1,4 @@
-// The CUDA backend against the CPU's, stage by stage and as a whole; what happens when the GPU fails. Skipped without a GPU.
+// The CUDA backend against the CPU's, stage by stage and as a whole. Skipped without a GPU.
 #include "backend/backend.h"
 #include "cuda_bodies.h"
 #include "cuda_warps.h"
@@ -422,92 +422,7 @@ TEST(CudaRun, TheToleranceIsOfPositionsOnARealScan)
     pliant_volume_free(&scan);
 }
 
-/* ---- failures */
-
-// every call of the CUDA runtime, or every so many-th, fails once, as a lost device does: the run goes on, on the CPU if need be, to the same
-// end; patch: radius, or 0
-void fail_every_call(const Case &c, double patch, int stride)
-{
-    const int steps = 3;
-    Body good(size, box, three, inclusions), body(size, box, three, inclusions);
-    for (Body *each : {&good, &body}) {
-        prepare(*each, c, each == &good ? PLIANT_CPU : PLIANT_AUTO);
-        each->scene.model.patch = patch;
-        each->scene.model.patch_delay = 1;
-    }
-    ASSERT_EQ(good.build(), PLIANT_OK);
-    for (int s = 1; s <= steps; s++) step(good, c, s, steps);
-    ASSERT_EQ(good.data->statistics.patched, patch > 0);
-    ASSERT_EQ(body.build(), PLIANT_OK);
-    pliant_data_free(body.data);
-    body.data = nullptr;
-    int calls = 0, left = 0;
-    std::string how, said; // of the last one that failed
-    pliant_set_log([](pliant_log_level level, const char *message, void *user) {
-        if (level >= PLIANT_LOG_WARNING && std::strstr(message, "backend")) *static_cast<std::string *>(user) = message;
-    }, &said);
-    for (bool failed = true; failed; calls += stride) {
-        ASSERT_LT(calls, 5000) << "a run without a failure is not as it should be: " << how << ", said: " << said;
-        said.clear();
-        pliant_cuda_fail_after(calls);
-        ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << "call " << calls << ": " << pliant_last_error();
-        ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << "call " << calls;
-        for (int s = 1; s <= steps; s++) step(body, c, s, steps);
-        const pliant_volume *volume = pliant_warp_volume(body.data->warp);
-        ASSERT_LT(farthest(good, body), 1e-5 * box[0]) << "call " << calls;
-        failed = std::string(pliant_data_get_backend(body.data)) == "cpu" || !pliant_warp_accelerated(body.data->warp);
-        left += failed;
-        how = std::string(pliant_data_get_backend(body.data)) == "cpu" ? "the CPU went on" : "the CPU draws";
-        pliant_cuda_fail_after(-1);
-        if (!failed) { // the last call was beyond all of them, or the volume was not fetched
-            pliant_warp *warp = nullptr;
-            ASSERT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &body.scan.geometry, 2, &warp), PLIANT_OK);
-            ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
-            if (std::memcmp(pliant_warp_volume(warp)->voxels, volume->voxels, 24 * 24 * 24) != 0) {
-                failed = true;
-                how = "the volume differs";
-            }
-            pliant_warp_free(warp);
-        }
-        pliant_data_free(body.data);
-        body.data = nullptr;
-    }
-    pliant_set_log(nullptr, nullptr);
-    EXPECT_GT(left, 50 / stride);
-    ::testing::Test::RecordProperty("failed_calls", std::to_string(left).c_str());
-}
-
-TEST(CudaFailure, TheCpuGoesOn)
-{
-    NEEDS_GPU();
-    fail_every_call({PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0, 1);
-}
-
-TEST(CudaFailure, TheCpuGoesOnWithPatches)
-{
-    NEEDS_GPU();
-    fail_every_call({PLIANT_AVERAGED, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0.03, 3);
-}
-
-TEST(CudaFailure, AskedForExplicitlyItIsAnError)
-{
-    NEEDS_GPU();
-    const Case c = {PLIANT_FINE, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT};
-    Body body(size, box, three, inclusions);
-    prepare(body, c, PLIANT_CUDA);
-    pliant_cuda_fail_after(0);
-    EXPECT_EQ(body.build(), PLIANT_ERROR_UNAVAILABLE);
-    pliant_cuda_fail_after(-1);
-    EXPECT_NE(std::string(pliant_last_error()).find("solver/backend"), std::string::npos) << pliant_last_error();
-    size_t before = pliant_memory_in_use();
-    for (int calls = 1; calls < 60; calls++) { // half-made states are given back
-        pliant_data *data = nullptr;
-        pliant_cuda_fail_after(calls);
-        if (pliant_data_create(body.model, &data) == PLIANT_OK) pliant_data_free(data);
-        pliant_cuda_fail_after(-1);
-        EXPECT_EQ(pliant_memory_in_use(), before) << "call " << calls;
-    }
-}
+/* ---- sources */
 
 // every launch, copy and fill is on a stream that was passed in: one on the default stream would wait for all others
 TEST(CudaSources, NothingIsOnTheDefaultStream)
@@ -533,18 +448,6 @@ TEST(CudaSources, NothingIsOnTheDefaultStream)
     }
     globfree(&files);
     EXPECT_GT(launches, 20);
-}
-
-TEST(CudaFailure, WithoutAGpuTheReasonIsTold)
-{
-    if (there_is_a_gpu()) GTEST_SKIP() << "there is a GPU";
-    Body body(size, box, three, inclusions);
-    prepare(body, cases[0], PLIANT_CUDA);
-    EXPECT_EQ(body.build(), PLIANT_ERROR_UNAVAILABLE);
-    EXPECT_NE(std::string(pliant_last_error()).find("cuda cannot be used"), std::string::npos) << pliant_last_error();
-    prepare(body, cases[0], PLIANT_AUTO);
-    ASSERT_EQ(body.build(), PLIANT_OK);
-    EXPECT_STREQ(pliant_data_get_backend(body.data), "cpu");
 }
 
 } // namespace

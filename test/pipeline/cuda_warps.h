@@ -14,11 +14,11 @@
 #include <vector>
 
 #ifdef PLIANT_WITH_CUDA
-extern "C" void pliant_cuda_fail_after(int64_t calls);
+extern "C" int64_t pliant_cuda_fail_after(int64_t calls);
 extern "C" pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
 extern "C" void pliant_cuda_release(void *d_block);
 #else
-static void pliant_cuda_fail_after(int64_t) {}
+static int64_t pliant_cuda_fail_after(int64_t) { return 0; }
 static pliant_status pliant_cuda_allocate(size_t, const char *, void **) { return PLIANT_ERROR_UNAVAILABLE; }
 static void pliant_cuda_release(void *) {}
 #endif
