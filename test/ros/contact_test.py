@@ -1,0 +1,212 @@
+#!/usr/bin/env python3
+"""Instruments with a shape, by the topics that a robot has: what one presses tells is the force that it feels, and jaws hold what they close on."""
+import os
+import shutil
+import sys
+import threading
+import time
+import unittest
+
+import numpy
+import rospy
+import rostest
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from pliant.msg import ContactState, Step
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from node_client import NAMESPACE, Latest, Launch, Node, wait_for  # noqa: E402
+
+VOXELS, SPACING = (10, 4, 12), (3.0, 1.5, 2.0)  # a tongue of 30 x 6 x 24 mm that stands on a plate
+TOP = numpy.array([0.0151, 0.0031, 0.024])
+MATERIALS = "materials: [{name: liver, young_modulus: 5000, poisson_ratio: 0.4, density: 1000, range: [0, 1000]}]\n"
+SCENE = """material: {file: materials.yaml}
+mesh: {coarse_cells: [10, 3, 8], ratio: 1}
+model: {method: fine}
+solver: {threads: 1, iterations: 30}
+contact: {friction: 0.5}
+fixed: {planes: [{point: [0, 0, 1.0e-4], normal: [0, 0, 1]}]}
+"""
+PARAMS = "{tool_max_age: 1, jaw_close: 0.25, jaw_release: 0.5, output: {mesh_rate: 100}}\n"
+OPEN, CLOSED = 0.7, 0.2  # [rad]: on the tissue, and below jaw_close
+
+
+def write_tongue(path):
+    """Of one tissue, as a MetaImage."""
+    with open(path, "wb") as file:
+        file.write(("ObjectType = Image\nNDims = 3\nDimSize = %d %d %d\nElementSpacing = %g %g %g\nOffset = %g %g %g\nBinaryData = True\n"
+                    "BinaryDataByteOrderMSB = False\nElementType = MET_SHORT\nElementDataFile = LOCAL\n" %
+                    (VOXELS + SPACING + tuple(0.5 * each for each in SPACING))).encode())
+        file.write(numpy.full(VOXELS[::-1], 100, "<i2").tobytes())
+
+
+class Arm:
+    """Sends its pose, upside down, and its jaw at 100 Hz, once it has been told where to be."""
+
+    def __init__(self, name, number, instrument, steps):
+        self.number, self.steps, self.place, self.angle = number, steps, None, OPEN
+        self.pose = rospy.Publisher("/%s/measured_cp" % name, PoseStamped, queue_size=1)
+        self.jaw = rospy.Publisher("/%s/jaw/measured_js" % name, JointState, queue_size=1)
+        self.type = rospy.Publisher("/%s/tool_type" % name, String, queue_size=1, latch=True)
+        self.type.publish(instrument)
+        wait_for(lambda: steps.message and steps.message.tools[number].shape, "the shape of " + instrument)
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def run(self):
+        while not rospy.is_shutdown():
+            if self.place is not None:
+                pose, jaw = PoseStamped(), JointState(position=[self.angle])
+                pose.header.stamp = jaw.header.stamp = rospy.Time.now()
+                pose.header.frame_id = "tissue"
+                pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = self.place
+                pose.pose.orientation.x = 1.0
+                self.pose.publish(pose)
+                self.jaw.publish(jaw)
+            time.sleep(0.01)
+
+    def go(self, place, angle=OPEN):
+        """Until a step has been made with it there."""
+        self.place, self.angle = [float(each) for each in place], angle
+
+        def there():
+            tool = self.steps.message.tools[self.number]
+            return tool.present and tool.jaw == angle and list(tool.tip) == self.place
+        wait_for(there, "a step with the arm at %s" % self.place, pause=0.002)
+
+    def way(self, begin, end, steps, angles=(OPEN, OPEN)):
+        for share in numpy.linspace(0, 1, steps + 1)[1:]:
+            self.go((1 - share) * numpy.asarray(begin) + share * numpy.asarray(end), (1 - share) * angles[0] + share * angles[1])
+
+
+class Pairs:
+    """What a tool tells of its contacts beside the force and torque that it feels in the same step: [(ContactState, (6) [N, N m])]."""
+
+    def __init__(self, tool):
+        self.wrenches, self.all = {}, []
+        self.subscribers = [rospy.Subscriber(NAMESPACE + tool + "/contact", ContactState, self.all.append, queue_size=100),
+                            rospy.Subscriber(NAMESPACE + tool + "/measured_cf", WrenchStamped, self.take, queue_size=100)]
+
+    def take(self, message):
+        force, torque = message.wrench.force, message.wrench.torque
+        self.wrenches[message.header.stamp] = numpy.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+
+    def told(self):
+        return [(contact, self.wrenches[contact.header.stamp]) for contact in list(self.all) if contact.header.stamp in self.wrenches]
+
+    def close(self):
+        for subscriber in self.subscribers:
+            subscriber.unregister()
+
+
+def rows(vectors):
+    return numpy.array([(each.x, each.y, each.z) for each in vectors]).reshape(-1, 3)
+
+
+def pressed(contact, tip):
+    """Force and torque about the tip of all its points."""
+    force = rows(contact.forces)
+    return numpy.concatenate([force.sum(axis=0), numpy.cross(rows(contact.points) - tip, force).sum(axis=0)])
+
+
+class ContactTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("contact_test")
+        folder = rospy.get_param("~folder")
+        shutil.rmtree(folder, ignore_errors=True)
+        os.makedirs(folder)
+        write_tongue(folder + "/tongue.mha")
+        for name, text in (("materials.yaml", MATERIALS), ("scene.yaml", SCENE), ("params.yaml", PARAMS)):
+            with open(folder + "/" + name, "w") as file:
+                file.write(text)
+        cls.live = Launch("crtk.launch", arms="PSM1 PSM2", scan=folder + "/tongue.mha", scan_root=folder, scene=folder + "/scene.yaml",
+                          params=folder + "/params.yaml", shape="tool_type", grasp="auto", slip="0")
+        try:
+            cls.node, cls.steps = Node("PSM1"), Latest("step", Step)
+            cls.node.wait_until_running()
+            cls.forceps = Arm("PSM1", 0, "PROGRASP_FORCEPS:420093", cls.steps)
+            cls.probe = Arm("PSM2", 1, "probe", cls.steps)
+        except BaseException:
+            cls.live.stop()
+            raise
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.live.stop()
+
+    def lifted(self):
+        """The farthest that a node has come up [m], now."""
+        def matching():
+            state = self.node.mesh.fresh()
+            return state if state.revision == self.node.topology.message.revision else None
+        nodes = numpy.array(wait_for(matching, "a mesh state of this revision").nodes).reshape(-1, 3)
+        return float((nodes - self.node.rest())[:, 2].max())
+
+    def close_on_the_tongue(self):
+        """Its tips 12 mm below the top."""
+        below = TOP - [0, 0, 0.012]
+        self.forceps.way(TOP + [0, 0, 0.03], below, 6)
+        self.forceps.way(below, below, 12, (OPEN, CLOSED))
+        return below
+
+    def leave(self, place, angle):
+        self.forceps.way(place, place, 3, (angle, OPEN))
+        self.forceps.way(place, TOP + [0, 0, 0.08], 8)
+        wait_for(lambda: self.node.displacement() < 1e-4, "the tissue to be where it was")
+
+    def test_what_presses_tells_the_force_that_is_felt(self):
+        tip = TOP - [0, 0, 0.002]
+        pairs = Pairs("PSM2")
+        self.addCleanup(pairs.close)
+        self.probe.way(TOP + [0, 0, 0.01], tip, 6)
+
+        def agrees(contact, wrench):
+            told = pressed(contact, tip)
+            return numpy.allclose(told[:3], wrench[:3], rtol=1e-9, atol=1e-12) and numpy.allclose(told[3:], wrench[3:], rtol=1e-9, atol=1e-14)
+
+        def risen():
+            """Five in a row, all of the tool where it stays: forces rise over 0.2 s."""
+            last = pairs.told()[-5:]
+            return len(last) == 5 and all(contact.points and agrees(contact, wrench) for contact, wrench in last) and last
+        for contact, wrench in wait_for(risen, "contacts whose forces are those that are felt"):
+            self.assertTrue(contact.present and not contact.grasped)
+            self.assertEqual({len(contact.normals), len(contact.forces), len(contact.areas)}, {len(contact.points)})
+            numpy.testing.assert_allclose(numpy.linalg.norm(rows(contact.normals), axis=1), 1, atol=1e-12)
+            self.assertLess(rows(contact.normals)[:, 2].max(), 0)  # into the tissue
+            self.assertTrue(all(0 < area < 1e-4 for area in contact.areas))
+            self.assertLess(wrench[2], -0.02)
+        self.probe.way(tip, TOP + [0, 0, 0.08], 8)
+        wait_for(lambda: not pairs.told()[-1][0].points and (pairs.told()[-1][1] == 0).all(), "no force in air")
+
+    def test_jaws_that_close_hold_by_friction_what_comes_along(self):
+        place = self.close_on_the_tongue()
+        contact = wait_for(lambda: self.node.contact.fresh(), "the jaws' contacts")
+        sideways = rows(contact.normals)[:, 1]
+        self.assertTrue(sideways.min() < -0.5 and sideways.max() > 0.5, "jaws press from both sides: %s" % sideways)
+        self.assertEqual((contact.grasped, contact.held_nodes), (False, 0))
+        before = self.lifted()
+        up = place + [0, 0, 0.005]
+        pairs = Pairs("PSM1")
+        self.addCleanup(pairs.close)
+        self.forceps.way(place, up, 10, (CLOSED, CLOSED))
+        wait_for(lambda: pairs.told() and pairs.told()[-1][1][2] > 0.01, "a pull that is felt")
+        contact = self.node.contact.fresh()
+        self.assertEqual((contact.grasped, contact.held_nodes), (False, 0))
+        self.assertGreater(pressed(contact, up)[2], 0.01)
+        print("lifted by %.2f mm, %.2f before, with %.3f N at %d points" % (1e3 * self.lifted(), 1e3 * before, pressed(contact, up)[2], len(contact.points)))
+        self.assertGreater(self.lifted(), before + 0.002)
+        self.leave(up, CLOSED)
+
+    def test_the_same_jaws_take_a_blob_where_the_scene_says_so(self):
+        self.assertTrue(self.node.load("tongue.mha", options=["grasp/kind=blob"]).success)
+        self.addCleanup(lambda: self.node.load("tongue.mha", options=["grasp/kind=auto"]))
+        self.close_on_the_tongue()
+        contact = wait_for(lambda: self.node.contact.fresh().grasped and self.node.contact.message, "a hold")
+        self.assertGreater(contact.held_nodes, 3)
+        self.leave(TOP - [0, 0, 0.012], CLOSED)
+        self.assertFalse(self.node.contact.fresh().grasped)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("pliant", "contact", ContactTest)
