@@ -169,6 +169,15 @@ extern "C" pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const
 
 /* ---- at once */
 
+extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out)
+{
+    const double start = solver->clock(solver->clock_user);
+    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, out));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    gpu->making_seconds = solver->clock(solver->clock_user) - start;
+    return PLIANT_OK;
+}
+
 /* What is under way is of no use any more. */
 static void stop(pliant_cuda_solver *gpu)
 {
@@ -184,7 +193,7 @@ static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solv
     gpu_preconditioner other = {};
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     pliant_fail_quietly(true);
-    const pliant_status status = pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, &other);
+    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, at, &other);
     pliant_fail_quietly(false);
     *made = status == PLIANT_OK;
     if (*made) exchange_bases(&gpu->preconditioner, &other);

@@ -20,7 +20,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_room));
-    CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, nullptr, gpu->stream, &gpu->preconditioner));
+    CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, nullptr, &gpu->preconditioner));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
@@ -254,6 +254,7 @@ struct step_so_far {
     int32_t solved, iterations;
     double error_before;
     bool turned;               /* axes were turned for what could not be made then */
+    double start;              /* [s] */
 };
 
 /* What evaluations have led to: the tools' forces, and how many there were. */
@@ -272,12 +273,13 @@ static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step 
     statistics->rejected += (uint64_t)rules->rejected;
 }
 
-/* As come_out of solver.c, but for steps with a budget, which go on as they are. */
+/* As come_out of solver.c. */
 static pliant_status come_out(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, gpu_step *step, step_so_far *so_far)
 {
-    bool made = !(solver->budget > 0);
+    bool made = true;
     for (int again = 0; again < PLIANT_MOST_STUCK && made && pliant_touches_are_stuck(solver->touches, &gpu->h_state->rules, pliant_cuda_touches_moved(&gpu->touches)); again++) {
         int32_t opened = 0;
+        if (!pliant_solver_has_time_for(solver, so_far->start, gpu->making_seconds)) break;
         CUDA_TRY(pliant_cuda_renew_now(gpu, solver, statistics, &made));
         so_far->turned = !made;
         if (!made) break;
@@ -295,6 +297,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     gpu_step step = {};
     bool renewed = false;
     step_so_far so_far = {};
+    so_far.start = solver->clock(solver->clock_user);
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
     if (gpu->fresh) pliant_solver_forget(solver);

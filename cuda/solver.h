@@ -29,6 +29,7 @@ struct pliant_cuda_solver {
     gpu_system_room system_room;
     gpu_preconditioner preconditioner;
     bool of_state;             /* it was made of a state, not of rest */
+    double making_seconds;     /* that the last one that steps waited for took [s] */
     gpu_renewal *renewal;      /* Nullable: the next preconditioner, in the background */
     gpu_iteration iteration;
     size_t room[SOLVER_ARRAYS]; /* bytes of its arrays, of d_fine and of d_solved */
@@ -84,6 +85,8 @@ pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
 /* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none
  * could be made, the old one stays. */
 pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed);
+/* One for the system at hand, waited for and timed. at: Nullable: at rest. Errors: MEMORY, NUMERIC, UNAVAILABLE; out may hold part of it then. */
+pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out);
 /* In place of one of this body: of the state that the step has led to, at once; *made: false: none could be made, or it is carried over from a body before. It
  * turns the axes. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made);

@@ -91,6 +91,21 @@ TEST(Factor, IsRefusedWhereAPivotIsNotPositive)
     }
 }
 
+// What a factor takes is counted as its order is found; those that share the order take as much.
+TEST(Factor, ACopyTakesAsManyOperations)
+{
+    for (int side : {2, 9}) {
+        const Grid grid(side);
+        pliant_factor *factor = nullptr, *copy = nullptr;
+        ASSERT_EQ(pliant_factor_analyze(&grid.pattern, &factor), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_factor_clone(factor, &copy), PLIANT_OK) << pliant_last_error();
+        EXPECT_GT(pliant_factor_operations(factor), pliant_factor_values(factor));
+        EXPECT_EQ(pliant_factor_operations(copy), pliant_factor_operations(factor));
+        pliant_factor_free(factor);
+        pliant_factor_free(copy);
+    }
+}
+
 // In two parts, with a right-hand side that changes at some nodes in between, it is the same solve; and columns are those of the inverse.
 TEST(Factor, SolvesInTwoParts)
 {

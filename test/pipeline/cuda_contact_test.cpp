@@ -142,6 +142,29 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
     }
 }
 
+// A step with a budget takes a new factor where that would be there in time: by operations on the CPU, on a GPU by how long the last one took. By a clock that
+// stands still, so that nothing else of it ends.
+TEST(CudaContact, ABudgetLeavesTimeForANewFactorOrNone)
+{
+    for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
+        if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
+        double carried[2] = {0, 0};
+        for (bool enough : {false, true}) {
+            Sheet sheet(backend, PLIANT_DIRECT, 1, 30);
+            sheet.scene.solver.budget_ms = enough ? 1e6 : 1e-6;
+            sheet.scene.solver.refresh_interval = 0;
+            ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
+            sheet.data->solver->clock = [](void *) { return 0.0; };
+            for (int s = 0; s < 6; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+            EXPECT_EQ(sheet.data->statistics.factors > 0, enough);
+            carried[enough] = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+        }
+        std::printf("%s: carried by %.2f mm with the factor of rest, by %.2f mm where there is time for another\n", backend == PLIANT_CPU ? "CPU" : "GPU", 1e3 * carried[0], 1e3 * carried[1]);
+        EXPECT_GT(carried[1], 0.024);
+    }
+}
+
 struct Fall : Body {
     // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
     Fall(int blocks, bool self, bool still, pliant_backend_choice backend)

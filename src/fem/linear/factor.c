@@ -211,6 +211,7 @@ pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **o
     memcpy(factor->column_start, source->column_start, ((size_t)source->size + 1) * sizeof *factor->column_start);
     memcpy(factor->row, source->row, values * sizeof *factor->row);
     factor->cholesky = cholmod_copy_factor(source->cholesky, &factor->common);
+    factor->common.fl = source->common.fl; /* the analysis counted them */
     pliant_status status = from_cholmod(factor, "copy of the symbolic factorization");
     if (status == PLIANT_OK) status = fill_panels(factor);
     if (status != PLIANT_OK) {

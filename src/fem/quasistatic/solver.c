@@ -27,6 +27,11 @@ static double time_left(const pliant_solver *solver) { return (1 - solver->reser
 
 bool pliant_solver_has_time(const pliant_solver *solver) { return !(solver->budget > 0) || time_left(solver) > 0; }
 
+bool pliant_solver_has_time_for(const pliant_solver *solver, double start, double seconds)
+{
+    return !(solver->budget > 0) || solver->clock(solver->clock_user) + seconds < start + time_left(solver);
+}
+
 /* how many more evaluations would be done within the budget, or as even steps have them */
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
@@ -194,20 +199,14 @@ static bool is_stuck(const pliant_solver *solver)
     return pliant_touches_any(solver->touches) && pliant_touches_are_stuck(solver->touches, &solver->rules, pliant_touches_moved(solver));
 }
 
-/* A budget that ends before a factor would be there leaves things as they are. */
-static bool has_time_for_factor(const pliant_solver *solver, const step_time *time)
-{
-    if (!(solver->budget > 0)) return true;
-    return solver->clock(solver->clock_user) + pliant_solver_factor_seconds(solver) < time->start + time_left(solver);
-}
-
 static pliant_status come_out(pliant_solver *solver, step_time *time, pliant_statistics *statistics)
 {
     bool made = true;
     pliant_status status = PLIANT_OK;
     time->limit.evaluations = INT32_MAX; /* even a live step is better late */
-    for (int again = 0; again < PLIANT_MOST_STUCK && made && status == PLIANT_OK && has_time_for_factor(solver, time) && is_stuck(solver); again++) {
+    for (int again = 0; again < PLIANT_MOST_STUCK && made && status == PLIANT_OK && is_stuck(solver); again++) {
         int32_t more = 0;
+        if (!pliant_solver_has_time_for(solver, time->start, pliant_solver_factor_seconds(solver))) break;
         status = pliant_refresh_now(solver, statistics, &made);
         if (status != PLIANT_OK || !made) break;
         turn_on(solver, statistics->step);

@@ -170,6 +170,8 @@ static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { retur
 
 /* Whether another solve of this step has time; without a budget it has. */
 bool pliant_solver_has_time(const pliant_solver *solver);
+/* Whether what takes so many seconds, such as a new factor, would be there before the budget of a solve that began at `start` [s] ends. */
+bool pliant_solver_has_time_for(const pliant_solver *solver, double start, double seconds);
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
