@@ -1,6 +1,7 @@
 /* A preconditioner made in the background, as src/fem/quasistatic/refresh.c makes factors: begun in one step, put to use a fixed number of
  * steps later or as background.h says. What is being made for a body when the next one comes becomes the base of what is carried over.
  * These are of rest. One of the state of now is made amid a step, which waits for it; where it serves badly later, one of rest follows. */
+#include "base/account.h"
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -21,6 +22,7 @@ struct gpu_renewal {
     pthread_t thread;
     bool running, in_thread;          /* in_thread: false: no thread could be had */
     std::atomic<bool> finished;
+    pliant_account *account;          /* of the simulation that it works for */
     uint64_t due;                     /* step */
     int device;
     pliant_preconditioner_choice choice;
@@ -58,11 +60,13 @@ static void *in_background(void *argument)
     gpu_renewal *renewal = static_cast<gpu_renewal *>(argument);
     pliant_threads_step_back();
     pliant_memory_apart();
+    pliant_account *const before = pliant_account_use(renewal->account);
     pliant_fail_quietly(true);
     pliant_cuda_background_begin();
     renewal->status = make(renewal);
     pliant_cuda_background_end();
     pliant_fail_quietly(false);
+    pliant_account_use(before);
     renewal->finished = true;
     return nullptr;
 }
@@ -93,6 +97,7 @@ static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver,
     renewal->choice = gpu->choice;
     renewal->of = pliant_discretization_retain(solver->system->of);
     renewal->due = step + 2 * (uint64_t)solver->refresh_delay; /* as the CPU's first factor of a body */
+    renewal->account = pliant_account_in_use();
     renewal->running = true;
     renewal->finished = false;
     renewal->in_thread = pthread_create(&renewal->thread, nullptr, in_background, renewal) == 0;

@@ -78,7 +78,8 @@ typedef struct pliant_statistics {
     uint64_t rejected;          /**< Anderson steps refused by the safeguard */
     uint64_t failed;            /**< steps that broke down and were undone */
     uint64_t factors;           /**< factors put to use since the start; on the GPU, times that its preconditioner was turned for springs */
-    size_t bytes;               /**< held by this data [bytes] */
+    size_t bytes;               /**< of what was made for this data and is still held, as of its last step, cut, undo or reset; what it shares with its
+                                 *   model, or with what it was copied from, is theirs [bytes] */
 } pliant_statistics;
 
 /** When steps put to use what is made for them in the background: factors (solver/refresh_interval), patches (model/patch). */

@@ -1,5 +1,6 @@
 #include "pliant/memory.h"
 
+#include "base/account.h"
 #include "base/room.h"
 
 #include <pthread.h>
@@ -20,7 +21,14 @@ typedef struct header {
     bool pages;   /* nothing else is on its pages */
     _Atomic(uint64_t *) stamp; /* Nullable: (pieces of room) of an array that follows another, or is followed; pieces with one stamp, at one place, are
                                 * the same bytes */
+    pliant_account *account; /* Nullable: that it counts for */
 } header;
+
+_Static_assert(sizeof(header) <= ALIGNMENT, "a header is in front of its block");
+
+struct pliant_account {
+    atomic_size_t bytes, holders; /* its blocks, and those who have opened it */
+};
 
 /* From so many bytes on a block has room for an eighth more, at most, and may be kept. */
 static const size_t large = 1 << 18;
@@ -45,6 +53,7 @@ static struct {
 static atomic_size_t in_use, peak;
 static _Thread_local int64_t taken; /* [bytes] */
 static _Thread_local bool apart;
+static _Thread_local pliant_account *account; /* Nullable: of what the thread asks for */
 static atomic_uint_least64_t last_stamp;
 static atomic_llong calls_left = -1;
 
@@ -56,17 +65,27 @@ static int fails_now(void)
     return 0;
 }
 
-static void count(size_t bytes)
+static void count(const header *block, size_t bytes)
 {
     size_t now = atomic_fetch_add(&in_use, bytes) + bytes, old = atomic_load(&peak);
     taken += (int64_t)bytes;
+    if (block->account) atomic_fetch_add(&block->account->bytes, bytes);
     while (now > old && !atomic_compare_exchange_weak(&peak, &old, now)) {}
 }
 
-static void uncount(size_t bytes)
+static void uncount(const header *block, size_t bytes)
 {
     atomic_fetch_sub(&in_use, bytes);
     taken -= (int64_t)bytes;
+    if (block->account) atomic_fetch_sub(&block->account->bytes, bytes);
+}
+
+/* A block that is handed out: all of it counts. */
+static void enter(header *block, size_t bytes)
+{
+    block->bytes = bytes;
+    block->account = pliant_account_share(account);
+    count(block, bytes);
 }
 
 static header *header_of(const void *block) { return (header *)((char *)(uintptr_t)block - ALIGNMENT); }
@@ -222,8 +241,7 @@ static void *allocate(size_t bytes, bool clear)
         if (!(block = from_system(room, ALIGNMENT))) return NULL;
         if (room >= large) find_pages(block, !clear);
     }
-    block->bytes = bytes;
-    count(bytes);
+    enter(block, bytes);
     return (char *)block + ALIGNMENT;
 }
 
@@ -239,8 +257,7 @@ void *pliant_pages(size_t number, size_t size)
     header *block = from_system((number * size + page - 1) / page * page, page);
     if (!block) return NULL;
     block->pages = true;
-    block->bytes = number * size;
-    count(block->bytes);
+    enter(block, number * size);
     return (char *)block + ALIGNMENT;
 }
 
@@ -307,7 +324,7 @@ static void *next_of(header *from, size_t kept_bytes, size_t bytes)
     }
     block->bytes = bytes;
     follow(block, from, kept_bytes);
-    count(bytes);
+    enter(block, bytes);
     return (char *)block + ALIGNMENT;
 }
 
@@ -347,9 +364,9 @@ static bool stretch(header *block, size_t bytes)
     if (bytes > block->bytes) {
         memset((char *)block + ALIGNMENT + block->bytes, 0, bytes - block->bytes);
         if (block->stamp) stamp_anew(block, block->bytes, bytes);
-        count(bytes - block->bytes);
+        count(block, bytes - block->bytes);
     } else {
-        uncount(block->bytes - bytes);
+        uncount(block, block->bytes - bytes);
         if (block->stamp) stamp_anew(block, bytes, bytes);
     }
     block->bytes = bytes;
@@ -386,11 +403,44 @@ void pliant_free(void *block)
 {
     if (!block) return;
     header *own = header_of(block);
-    uncount(own->bytes);
+    pliant_account *of = own->account;
+    uncount(own, own->bytes);
     if (!keep(own)) give_back(own);
+    pliant_account_close(of);
 }
 
 size_t pliant_memory_in_use(void) { return atomic_load(&in_use); }
 size_t pliant_memory_peak(void) { return atomic_load(&peak); }
 void pliant_memory_reset_peak(void) { atomic_store(&peak, atomic_load(&in_use)); }
 void pliant_memory_fail_after(int64_t calls) { atomic_store(&calls_left, calls); }
+
+/* ---- accounts */
+
+pliant_account *pliant_account_open(void)
+{
+    pliant_account *before = pliant_account_use(NULL), *made = pliant_calloc(1, sizeof *made);
+    pliant_account_use(before);
+    if (made) atomic_store(&made->bytes, sizeof *made);
+    return pliant_account_share(made);
+}
+
+pliant_account *pliant_account_share(pliant_account *of)
+{
+    if (of) atomic_fetch_add(&of->holders, 1);
+    return of;
+}
+
+void pliant_account_close(pliant_account *of)
+{
+    if (of && atomic_fetch_sub(&of->holders, 1) == 1) pliant_free(of);
+}
+
+pliant_account *pliant_account_use(pliant_account *of)
+{
+    pliant_account *before = account;
+    account = of;
+    return before;
+}
+
+pliant_account *pliant_account_in_use(void) { return account; }
+size_t pliant_account_bytes(const pliant_account *of) { return of ? atomic_load(&of->bytes) : 0; }

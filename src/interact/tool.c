@@ -295,7 +295,10 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     }
     int32_t *held = NULL, count;
     double *weight = NULL;
-    if ((status = list_held(data->body, tool, centre, tool->radius, &count, &held, &weight)) != PLIANT_OK) return status;
+    pliant_account *before = pliant_account_use(data->account);
+    status = list_held(data->body, tool, centre, tool->radius, &count, &held, &weight);
+    pliant_account_use(before);
+    if (status != PLIANT_OK) return status;
     pliant_tool_forget(tool);
     tool->num_held = count;
     tool->held = held;

@@ -10,6 +10,7 @@
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "sim/discretization.h"
+#include "sim/held.h"
 #include "warp/device.h"
 
 #include <string.h>
@@ -186,10 +187,13 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         take_body(data, body);
         return PLIANT_OK;
     }
-    const size_t before = pliant_memory_in_use();
     const int64_t taken = pliant_memory_taken(); /* others take and give back meanwhile */
+    pliant_account *before = pliant_held_begin(data);
     pliant_data *made = pliant_calloc(1, sizeof *made);
-    if (!made) return pliant_fail_memory("the simulation state");
+    if (!made) {
+        pliant_account_use(before);
+        return pliant_fail_memory("the simulation state");
+    }
     pliant_warp_next *warp = NULL;
     adaptation work = {.model = model, .data = data, .made = made, .warp = &warp};
     made->backend = data->backend;
@@ -206,7 +210,6 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     pliant_body_map_free(&work.map);
     pliant_warp_next_free(warp);
     pliant_data_free(made);
-    if (status != PLIANT_OK) return status;
-    data->statistics.bytes += pliant_memory_in_use() - before;
-    return PLIANT_OK;
+    pliant_held_end(data, before);
+    return status;
 }

@@ -8,6 +8,7 @@
 #include "pliant/memory.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
+#include "sim/held.h"
 #include "warp/device.h"
 
 #include <string.h>
@@ -69,13 +70,13 @@ static pliant_status copy_undo(const pliant_undo *from, int32_t room, pliant_und
     return PLIANT_OK;
 }
 
-pliant_status pliant_data_copy(const pliant_model *model, pliant_data *from, pliant_data **out)
+static pliant_status copy_for(const pliant_model *model, pliant_data *from, pliant_account *account, pliant_data **out)
 {
     pliant_data *to = NULL;
     if (from->backend->download) from->backend->download(model, from);
-    pliant_status status = pliant_data_create(model, &to);
+    pliant_status status = pliant_data_create_for(model, account, &to);
     if (status != PLIANT_OK) return status;
-    const size_t bytes = to->statistics.bytes, before = pliant_memory_in_use();
+    pliant_account *before = pliant_held_begin(to);
     memcpy(to->gravity, from->gravity, sizeof to->gravity);
     status = pliant_data_set_body(model, to, from->body);
     if (status == PLIANT_OK) status = copy_tissue(model, from, to);
@@ -83,23 +84,31 @@ pliant_status pliant_data_copy(const pliant_model *model, pliant_data *from, pli
     if (status == PLIANT_OK) status = copy_undo(&from->undo, model->scene.cut.undo, &to->undo);
     if (status == PLIANT_OK) status = pliant_contact_copy(from, to);
     if (status == PLIANT_OK) status = pliant_backend_restart(model, to);
-    if (status < 0) {
-        pliant_data_free(to);
-        return status;
+    if (status >= 0) {
+        to->last_revision = from->last_revision;
+        to->background.kind = from->background.kind;
+        to->statistics = from->statistics;
     }
-    to->last_revision = from->last_revision;
-    to->background.kind = from->background.kind;
-    to->statistics = from->statistics;
-    to->statistics.bytes = bytes + pliant_memory_in_use() - before;
-    *out = to;
-    return PLIANT_OK;
+    pliant_held_end(to, before);
+    if (status >= 0) *out = to;
+    else pliant_data_free(to);
+    return status < 0 ? status : PLIANT_OK;
+}
+
+pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out)
+{
+    pliant_account *account = pliant_account_open();
+    const pliant_status status = account ? copy_for(model, data, account, out) : pliant_fail_memory("the simulation state");
+    pliant_account_close(account);
+    return status;
 }
 
 pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from)
 {
     pliant_data *made = NULL;
     pliant_warp_next *warp = NULL;
-    pliant_status status = pliant_data_copy(model, from, &made);
+    pliant_account *before = pliant_held_begin(data);
+    pliant_status status = copy_for(model, from, data->account, &made);
     if (status == PLIANT_OK && data->warp) status = pliant_warp_prepare(data->warp, made->discretization->body, &warp);
     if (status == PLIANT_OK) {
         pliant_data old = *data;
@@ -112,5 +121,6 @@ pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pli
     }
     pliant_warp_next_free(warp);
     pliant_data_free(made);
+    pliant_held_end(data, before);
     return status;
 }

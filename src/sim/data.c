@@ -12,6 +12,7 @@
 #include "sim/substeps.h"
 #include "sim/cut.h"
 #include "sim/discretization.h"
+#include "sim/held.h"
 
 #include <string.h>
 
@@ -23,36 +24,48 @@ void pliant_undo_clear(pliant_data *data)
     memset(undo, 0, sizeof *undo);
 }
 
-pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
+static pliant_status fill(const pliant_model *model, pliant_data *data)
 {
-    pliant_data *data = pliant_calloc(1, sizeof *data);
-    if (!data) return pliant_fail_memory("the simulation state");
-    size_t before = pliant_memory_in_use();
     data->body = pliant_body_retain(model->body);
     data->discretization = pliant_discretization_retain(model->discretization);
     data->last_revision = data->body->revision;
     data->parts = 1;
     data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
-    if (status != PLIANT_OK) {
-        pliant_data_free(data);
-        return status;
-    }
+    if (status != PLIANT_OK) return status;
     memcpy(data->positions, data->body->fine.rest, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->gravity, model->scene.model.gravity, sizeof data->gravity);
-    status = pliant_backend_create(model, data);
-    if (status != PLIANT_OK) {
-        pliant_data_free(data);
-        return status;
+    return pliant_backend_create(model, data);
+}
+
+pliant_status pliant_data_create_for(const pliant_model *model, pliant_account *account, pliant_data **out)
+{
+    pliant_account *before = pliant_account_use(account);
+    pliant_data *data = pliant_calloc(1, sizeof *data);
+    pliant_status status = data ? PLIANT_OK : pliant_fail_memory("the simulation state");
+    if (status == PLIANT_OK) {
+        data->account = pliant_account_share(account);
+        status = fill(model, data);
+        data->statistics.bytes = pliant_account_bytes(account);
     }
-    data->statistics.bytes = pliant_memory_in_use() - before;
-    *out = data;
-    return PLIANT_OK;
+    pliant_account_use(before);
+    if (status == PLIANT_OK) *out = data;
+    else pliant_data_free(data);
+    return status;
+}
+
+pliant_status pliant_data_create(const pliant_model *model, pliant_data **out)
+{
+    pliant_account *account = pliant_account_open();
+    const pliant_status status = account ? pliant_data_create_for(model, account, out) : pliant_fail_memory("the simulation state");
+    pliant_account_close(account);
+    return status;
 }
 
 void pliant_data_free(pliant_data *data)
 {
     if (!data) return;
+    pliant_account *account = data->account;
     if (data->backend_state) data->backend->free(data);
     for (int t = 0; t < data->num_tools; t++) pliant_tool_free(data->tools + t);
     pliant_undo_clear(data);
@@ -68,4 +81,5 @@ void pliant_data_free(pliant_data *data)
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);
+    pliant_account_close(account);
 }

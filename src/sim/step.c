@@ -10,6 +10,7 @@
 #include "pliant/memory.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
+#include "sim/held.h"
 #include "sim/substeps.h"
 #include "warp/device.h"
 
@@ -26,7 +27,7 @@ const char *pliant_step_stage_name(int stage)
     return stage >= 0 && stage < PLIANT_NUM_STEP_STAGES ? names[stage] : "";
 }
 
-pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
+static pliant_status reset(const pliant_model *model, pliant_data *data)
 {
     /* of another topology the solver is made anew, and has nothing left to make */
     pliant_status status = pliant_body_same(data->discretization->body, model->body) ? PLIANT_OK : pliant_data_set_body(model, data, model->body);
@@ -48,7 +49,15 @@ pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
     return pliant_backend_restart(model, data);
 }
 
-pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
+pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data)
+{
+    pliant_account *before = pliant_held_begin(data);
+    const pliant_status status = reset(model, data);
+    pliant_held_end(data, before);
+    return status;
+}
+
+static pliant_status set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
 {
     pliant_warp *warp = NULL;
     if (target) {
@@ -67,6 +76,14 @@ pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data,
     data->warp = warp;
     if (warp && pliant_warp_accelerated(warp)) pliant_rehearse_cut(model, data); /* steps are short enough there for it to be felt */
     return PLIANT_OK;
+}
+
+pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target)
+{
+    pliant_account *before = pliant_held_begin(data);
+    const pliant_status status = set_warp(model, data, target);
+    pliant_held_end(data, before);
+    return status;
 }
 
 pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3])
@@ -217,7 +234,7 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
     return PLIANT_OK;
 }
 
-pliant_status pliant_step(const pliant_model *model, pliant_data *data)
+static pliant_status step(const pliant_model *model, pliant_data *data)
 {
     pliant_status caveat = PLIANT_OK;
     pliant_substeps parts = {.at = 0};
@@ -237,4 +254,12 @@ pliant_status pliant_step(const pliant_model *model, pliant_data *data)
     data->statistics.step++;
     data->statistics.not_converged += caveat == PLIANT_NOT_CONVERGED;
     return caveat;
+}
+
+pliant_status pliant_step(const pliant_model *model, pliant_data *data)
+{
+    pliant_account *before = pliant_held_begin(data);
+    const pliant_status status = step(model, data);
+    pliant_held_end(data, before);
+    return status;
 }

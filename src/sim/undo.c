@@ -3,6 +3,7 @@
 #include "interact/blade.h"
 #include "pliant/memory.h"
 #include "sim/cut.h"
+#include "sim/held.h"
 
 #include <math.h>
 #include <string.h>
@@ -33,7 +34,7 @@ static void keep(pliant_data *data, int32_t most, const pliant_body *body, int t
     undo->stroke = stroke;
 }
 
-pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+static pliant_status sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
     pliant_body *next = NULL;
     pliant_status status = pliant_body_cut(data->body, data->last_revision + 1, data->positions, sweep, &next, report);
@@ -46,6 +47,14 @@ pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, in
     else pliant_body_release(before);
     if (data->undo.count == 0) pliant_undo_clear(data);
     pliant_body_release(next);
+    return status;
+}
+
+pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report)
+{
+    pliant_account *before = pliant_held_begin(data);
+    const pliant_status status = sever(model, data, tool, sweep, report);
+    pliant_held_end(data, before);
     return status;
 }
 
@@ -98,6 +107,7 @@ pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data)
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < data->num_tools; t++) pliant_blade_end(data->tools + t);
     pliant_body_release(before);
+    data->statistics.bytes = pliant_account_bytes(data->account);
     undo->count--;
     undo->tool = -1;
     return PLIANT_OK;

@@ -2,6 +2,7 @@
 #ifndef PLIANT_STATE_DATA_H
 #define PLIANT_STATE_DATA_H
 
+#include "base/account.h"
 #include "contact/contact.h"
 #include "pliant/contact.h"
 #include "state/model.h"
@@ -101,6 +102,7 @@ typedef struct pliant_falling pliant_falling; /* where pieces are that have come
 typedef struct pliant_tled pliant_tled; /* displacements, increments, sub-steps of explicit dynamics (src/fem) */
 
 struct pliant_data {
+    pliant_account *account;  /* of what it holds; shared with a state that takes its place */
     /* BODY */
     const pliant_body *body;  /* what is true now; at first, and after a reset, the model's */
     const pliant_discretization *discretization; /* of it, or of an earlier one of the same topology */

@@ -1,6 +1,9 @@
 // Cut after cut in one simulation: nothing is left over, what does not change is shared, and what is drawn is what a warp made anew draws.
 #include "../cuts.h"
 
+#include <atomic>
+#include <thread>
+
 namespace {
 
 const int size[3] = {28, 24, 24};
@@ -96,5 +99,99 @@ TEST_F(ManyCuts, AreDrawnAsByAWarpMadeAnew)
         pliant_warp_free(anew);
     }
 }
+
+struct Held {
+    const char *name;
+    std::function<void(pliant_scene &)> set;
+};
+struct EveryHolder : testing::TestWithParam<Held> {
+    // with a slit, and without it again, twenty times; another holds its body and works beside it
+    static void slits(Body &body, pliant_data *data, int count)
+    {
+        for (int c = 0; c < count; c++) {
+            const double x = 0.02 + 0.005 * c, points[6] = {x, -0.01, 0.13, x, 0.13, 0.13}, depth[3] = {0, 0, -0.06};
+            ASSERT_EQ(pliant_data_cut(body.model, data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_GE(pliant_step(body.model, data), 0) << pliant_last_error();
+            if (c % 3 == 2) continue;
+            ASSERT_EQ(pliant_data_undo_cut(body.model, data), PLIANT_OK);
+            ASSERT_GE(pliant_step(body.model, data), 0) << pliant_last_error();
+        }
+    }
+};
+
+// What the statistics call held is what all of the library holds beyond the model, to the byte, whatever worked beside it.
+TEST_P(EveryHolder, TellsItsOwnBytes)
+{
+    Body body(size, box, {{4000, 0.4, 1000, false}});
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    body.cells(7, 6, 6, 1);
+    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    body.scene.solver.iterations = 2;
+    GetParam().set(body.scene);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pliant_data_free(body.data);
+    body.data = nullptr;
+    const size_t before = pliant_memory_in_use();
+    const auto held = [&] { // the background works on after a step
+        for (int tries = 0; tries < 500 && body.data->statistics.bytes != pliant_memory_in_use() - before; tries++) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(2));
+            EXPECT_GE(pliant_step(body.model, body.data), 0);
+        }
+        return pliant_memory_in_use() - before;
+    };
+    ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK);
+    EXPECT_EQ(body.data->statistics.bytes, held());
+    ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK);
+    EXPECT_EQ(body.data->statistics.bytes, held());
+    int tool;
+    const double at[3] = {0.05, 0.06, 0.115};
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "tool", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, at, nullptr), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK) << pliant_last_error();
+    pliant_data *other = nullptr;
+    ASSERT_EQ(pliant_data_create(body.model, &other), PLIANT_OK);
+    std::atomic<bool> done{false};
+    std::thread beside([&] {
+        for (int n = 0; n < 3 || !done; n++) {
+            slits(body, other, 3);
+            EXPECT_EQ(pliant_data_reset(body.model, other), PLIANT_OK);
+        }
+    });
+    slits(body, body.data, 20);
+    done = true;
+    beside.join();
+    pliant_data_free(other);
+    EXPECT_EQ(body.data->statistics.bytes, held());
+    while (body.data->undo.count > 0) ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);
+    EXPECT_EQ(body.data->statistics.bytes, held());
+    ASSERT_EQ(pliant_data_copy(body.model, body.data, &other), PLIANT_OK);
+    EXPECT_EQ(pliant_data_take(body.model, body.data, other), PLIANT_OK);
+    pliant_data_free(other);
+    ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
+    EXPECT_EQ(body.data->statistics.bytes, held());
+    pliant_data_free(body.data);
+    body.data = nullptr;
+    EXPECT_EQ(pliant_memory_in_use(), before);
+}
+
+const Held holders[] = {
+    {"direct", [](pliant_scene &scene) {
+         scene.solver.preconditioner = PLIANT_DIRECT;
+         scene.solver.refresh_interval = 1;
+     }},
+    {"multigrid", [](pliant_scene &scene) {
+         scene.element.kind = PLIANT_HEXAHEDRA;
+         scene.solver.preconditioner = PLIANT_MULTIGRID;
+     }},
+    {"patched", [](pliant_scene &scene) {
+         scene.model.method = PLIANT_AVERAGED;
+         scene.mesh.ratio = 2;
+         for (int d = 0; d < 3; d++) scene.mesh.coarse_cells[d] = 4;
+         scene.model.patch = 0.02;
+         scene.model.patch_delay = 1;
+     }},
+    {"tled", [](pliant_scene &scene) { scene.solver.kind = PLIANT_TLED; }},
+};
+INSTANTIATE_TEST_SUITE_P(Kinds, EveryHolder, testing::ValuesIn(holders), [](const auto &info) { return std::string(info.param.name); });
 
 } // namespace

@@ -175,6 +175,7 @@ static void *in_background(void *argument)
     pliant_threads_step_back();
     pliant_memory_apart();
     pliant_patch *patch = argument;
+    pliant_account_use(patch->job.account);
     run_job(patch);
     atomic_store(&patch->finished, true);
     return NULL;
@@ -249,6 +250,7 @@ pliant_status patch_job_start(pliant_patch *patch, pliant_data *data)
     memcpy(job->x, data->positions, bytes);
     job->due = data->statistics.step + (uint64_t)list_wanted(patch);
     job->running = true;
+    job->account = pliant_account_in_use();
     atomic_store(&patch->stop, false);
     atomic_store(&patch->finished, false);
     job->in_thread = pthread_create(&job->thread, NULL, in_background, patch) == 0;

@@ -22,6 +22,7 @@ typedef double *patch_blocks[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS];
 typedef struct patch_job {
     pthread_t thread;
     bool running, in_thread;
+    pliant_account *account;  /* that it works for */
     uint64_t due;             /* step */
     double *x;                /* (3 fine nodes) the state */
     patch_hold holds[PLIANT_MAX_TOOLS]; /* known ones borrowed from the patch, others copied here */

@@ -27,6 +27,7 @@ struct pliant_refresh {
     void (*work)(pliant_refresh *);
     bool in_thread;             /* false: no thread could be had, the work was done at once */
     atomic_bool finished;
+    pliant_account *account;    /* of the simulation that it works for */
     uint64_t started, due;      /* steps */
     bool wanted;                /* the factor at hand has served badly since the last start */
     const pliant_discretization *of; /* Nullable: what the system is part of; retained */
@@ -159,6 +160,7 @@ static void *in_background(void *argument)
     pliant_refresh *refresh = argument;
     pliant_threads_step_back();
     pliant_memory_apart();
+    pliant_account_use(refresh->account);
     refresh->work(refresh);
     atomic_store(&refresh->finished, true);
     return NULL;
@@ -170,6 +172,7 @@ static void start(pliant_refresh *refresh, void (*work)(pliant_refresh *), uint6
     refresh->due = due;
     refresh->status = PLIANT_OK;
     refresh->running = true;
+    refresh->account = pliant_account_in_use();
     atomic_store(&refresh->finished, false);
     refresh->in_thread = pthread_create(&refresh->thread, NULL, in_background, refresh) == 0;
     if (refresh->in_thread) return;
