@@ -1,0 +1,297 @@
+// Instruments' own shapes, found by the step's own search, against closed forms: Hertz, Sneddon, Coulomb. contact_solver_test has the same for points
+// that are given.
+#include "half_space.h"
+#include "../solids.h"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace {
+
+const pliant_element_kind kinds[] = {PLIANT_LINEAR, PLIANT_HEXAHEDRA};
+
+int add_tool(Body &body, const char *name, const pliant_part &part)
+{
+    pliant_tool_shape shape{};
+    int tool = -1;
+    shape.num_parts = 1;
+    shape.part[0] = part;
+    EXPECT_EQ(pliant_tool_add(body.model, body.data, name, &tool), PLIANT_OK);
+    EXPECT_EQ(pliant_tool_set_shape(body.data, tool, &shape), PLIANT_OK) << pliant_last_error();
+    return tool;
+}
+
+pliant_part box(double x0, double y0, double z0, double x1, double y1, double z1) { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {x0, y0, z0}, {x1, y1, z1}, 0, false, nullptr}; }
+
+struct Force {
+    double by[3];           // in all
+    double presses, slides; // sums of the points' own, along their normals and across
+};
+
+// of a tool on the tissue, or of what stands still (-1)
+Force felt(const Body &body, int tool)
+{
+    Force out{};
+    std::vector<pliant_contact> points(static_cast<size_t>(pliant_data_get_contacts(body.data, 0, nullptr)));
+    pliant_data_get_contacts(body.data, static_cast<int32_t>(points.size()), points.data());
+    for (const pliant_contact &point : points) {
+        if (point.tool != tool || point.tissue) continue;
+        for (int d = 0; d < 3; d++) out.by[d] += point.force[d];
+        double n = 0;
+        for (int d = 0; d < 3; d++) n += point.normal[d] * point.force[d];
+        out.presses += n;
+        out.slides += std::sqrt(std::fmax(0, point.force[0] * point.force[0] + point.force[1] * point.force[1] + point.force[2] * point.force[2] - n * n));
+    }
+    return out;
+}
+
+// The mean of the last two of some steps with tools where they are: points at a flat tool's border come and go with every other step.
+Force press(Body &body, int tool, int steps = 8)
+{
+    Force last{}, now{};
+    for (int s = 0; s < steps; s++) {
+        EXPECT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        last = now;
+        now = felt(body, tool);
+    }
+    for (int d = 0; d < 3; d++) now.by[d] = 0.5 * (now.by[d] + last.by[d]);
+    return now;
+}
+
+void place(Body &body, int tool, double x, double y, double z)
+{
+    const double tip[3] = {x, y, z};
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+}
+
+// Hertz (Johnson, Contact Mechanics, 4.22 to 4.24): F = 4/3 E* sqrt(R) d^1.5, E* = E / (1 - nu^2), and a = sqrt(R d) is the radius of what touches. Nodes come
+// to touch one ring after the other, so that a mesh's force is off by a part of h / a, up and down, h being the elements' size: measured 0.06 to 0.1 of it
+// with 2.2 to 7.2 elements in a. Four radii between two rings average that, and what is left falls with h: from 2.6 to 1.2 % (tetrahedra), from -2.1 to -0.2 %.
+TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
+{
+    const double radius = 1;
+    for (pliant_element_kind kind : kinds) {
+        double mean[2] = {0, 0};
+        for (int fine = 0; fine < 2; fine++) {
+            HalfSpace block(fine ? 24 : 12, kind);
+            const int tool = block.add_ball(radius);
+            for (double a : {0.015, 0.018, 0.021, 0.024}) {
+                const double depth = a * a / radius, hertz = 4.0 / 3 * young / (1 - block.nu * block.nu) * std::sqrt(radius) * std::pow(depth, 1.5);
+                const double size = block.edge / (fine ? 24 : 12);
+                block.move_far(1.5, hertz, a);
+                place(block, tool, block.edge / 2, block.edge / 2, block.height + radius - depth);
+                const Force force = press(block, tool, 4);
+                EXPECT_NEAR(-force.by[2], hertz, 0.11 * size / a * hertz) << "elements " << kind << ", a " << a;
+                EXPECT_LT(std::hypot(force.by[0], force.by[1]), 1e-5 * hertz);
+                EXPECT_LT(block.data->statistics.penetration, 1e-8 * depth);
+                mean[fine] += 0.25 * (-force.by[2] / hertz - 1);
+            }
+        }
+        std::printf("elements %d: force of a ball over that of Hertz - 1, 12 and 24 elements along: %.4f, %.4f\n", kind, mean[0], mean[1]);
+        EXPECT_LT(std::fabs(mean[1]), 0.55 * std::fabs(mean[0])) << "half as large elements, half the error";
+    }
+}
+
+// F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). The pressure is infinite at the punch's border, which lies within elements: these are pressed flat
+// up to some place in them, so a is known to h, the elements' size, and F to h / a of itself. Borders all over an element average that to half of it at most, and it falls with h.
+TEST(ContactTheory, APunchOnAHalfSpaceAsSneddon)
+{
+    const double depth = 2e-4, middle = 0.02;
+    const int borders = 6;
+    for (pliant_element_kind kind : kinds) {
+        double mean[2] = {0, 0};
+        for (int fine = 0; fine < 2; fine++) {
+            HalfSpace block(fine ? 24 : 12, kind);
+            const double size = block.edge / (fine ? 24 : 12);
+            block.scene.contact.friction = 0;
+            ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+            for (int b = 0; b < borders; b++) {
+                const double radius = middle + ((b + 0.5) / borders - 0.5) * size, sneddon = 2 * young / (1 - block.nu * block.nu) * radius * depth;
+                pliant_solid *solid = nullptr;
+                pliant_solid_options options{};
+                options.convex = true;
+                ASSERT_EQ(rod_surface(radius, 0.02, 96).make(options, &solid), PLIANT_OK) << pliant_last_error();
+                ASSERT_EQ(pliant_data_reset(block.model, block.data), PLIANT_OK);
+                const int tool = add_tool(block, "punch", {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid});
+                pliant_solid_release(solid);
+                block.move_far(0.5, sneddon, radius);
+                place(block, tool, block.edge / 2, block.edge / 2, block.height - depth);
+                const double ratio = -press(block, tool).by[2] / sneddon;
+                EXPECT_NEAR(ratio, 1, size / radius) << "elements " << kind << ", radius " << radius;
+                mean[fine] += (ratio - 1) / borders;
+            }
+            EXPECT_NEAR(mean[fine], 0, 0.5 * size / middle) << "elements " << kind;
+        }
+        std::printf("elements %d: force of a punch over that of Sneddon - 1, 12 and 24 elements along: %.4f, %.4f\n", kind, mean[0], mean[1]);
+        EXPECT_LT(std::fabs(mean[1]), 0.5 * std::fabs(mean[0]));
+    }
+}
+
+// Pressed by a flat box and moved aside: as far as it sticks, force is as the way is (the second millimetre adds what the first one did; the rest is of what turns);
+// then all slides, and by Coulomb's law it is mu N to rounding, whatever the mesh.
+TEST(ContactTheory, AFlatToolSticksAndSlidesAtMu)
+{
+    const double friction = 0.3;
+    for (pliant_element_kind kind : kinds) {
+        Block block(4, 4, 0.3);
+        block.scene.element.kind = kind;
+        block.scene.contact.friction = friction;
+        block.fix_below();
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        const int tool = add_tool(block, "plate", box(-0.12, -0.12, 0, 0.12, 0.12, 0.05));
+        double pulled[16], z = block.height;
+        for (int s = 1; s <= 6; s++) {
+            place(block, tool, block.edge / 2, block.edge / 2, z - 0.001 * s);
+            press(block, tool, 2);
+        }
+        for (int s = 0; s < 16; s++) {
+            place(block, tool, block.edge / 2 + 0.001 * (s + 1), block.edge / 2, z - 0.006);
+            const Force force = press(block, tool, 3);
+            pulled[s] = force.by[0] / -force.by[2];
+            for (int32_t p = 0; p < block.data->contacts.count; p++) {
+                const double *f = block.data->contacts.point[p].force;
+                EXPECT_LE(std::hypot(f[0], f[1]), friction * -f[2] * (1 + 1e-9));
+            }
+        }
+        EXPECT_LT(pulled[0], 0.5 * friction);
+        EXPECT_NEAR(pulled[1] / pulled[0], 2, 0.1);
+        EXPECT_NEAR(pulled[14], friction, 1e-3 * friction);
+        EXPECT_NEAR(pulled[15], friction, 1e-3 * friction);
+    }
+}
+
+// What is cut off lands on a plane and lies there; with gravity aslant it stays below tan = mu (after friction's springs have given way, by 0.02 mm), and above goes faster
+// in every step by g (sin - mu cos) times the step. What touches something is held back by 5 /s times its speed beside that (fem/falling/rigid.c).
+TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
+{
+    const double friction = 0.3, g = 9.81, high = 0.03, box[3] = {0.015, 0.015, high};
+    const int size[3] = {6, 6, 12};
+    for (pliant_element_kind kind : kinds)
+        for (double slope : {0.95 * friction, 1.05 * friction}) {
+            Body bar(size, box, {{10e3, 0.3, 1000, false}});
+            bar.cells(3, 3, 6, 1);
+            bar.fix_plane(0, 0, high - 1e-4, 0, 0, -1);
+            bar.scene.element.kind = kind;
+            bar.scene.cut.kind = PLIANT_CUT_SEVER;
+            bar.scene.contact.friction = friction;
+            bar.scene.model.gravity[2] = -g;
+            bar.scene.warp.margin = 1;
+            bar.scene.solver.threads = 1;
+            bar.scene.obstacles.planes[bar.scene.obstacles.num_planes++] = {{0, 0, -0.002}, {0, 0, 1}};
+            ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+            const double line[6] = {-0.01, -0.01, 0.0142, 0.03, -0.01, 0.0142}, across[3] = {0, 0.04, 0};
+            ASSERT_EQ(pliant_data_cut(bar.model, bar.data, 2, line, across, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_TRUE(bar.data->body->pieces);
+            ASSERT_EQ(bar.data->body->pieces->count, 1);
+            const pliant_pieces *pieces = bar.data->body->pieces;
+            double weight = 0, at[3], force[3];
+            for (int32_t i = 0; i < pieces->start[1]; i++) weight += g * bar.data->body->node_mass[pieces->node[i]];
+            const int32_t node = pieces->node[0];
+            press(bar, -1, 30);
+            const double from = bar.data->positions[3 * node], gravity[3] = {g * slope, 0, -g}, step = bar.scene.solver.step;
+            ASSERT_EQ(pliant_data_set_gravity(bar.data, gravity), PLIANT_OK);
+            press(bar, -1, 20);
+            for (int s = 0; s < 3; s++) {
+                ASSERT_GE(pliant_step(bar.model, bar.data), 0) << pliant_last_error();
+                std::copy_n(felt(bar, -1).by, 3, force);
+                at[s] = bar.data->positions[3 * node];
+                EXPECT_NEAR(force[2], weight, 1e-4 * weight);
+                EXPECT_NEAR(force[0], -std::fmin(slope, friction) * weight, 1e-4 * friction * weight);
+            }
+            const double faster = (at[2] - at[1] - std::exp(-5 * step) * (at[1] - at[0])) / (step * step), expected = std::fmax(0, g * (slope - friction));
+            EXPECT_NEAR(faster, expected, 1e-3 * 0.05 * friction * g);
+            if (slope < friction) { EXPECT_LT(at[2] - from, 3e-5); }
+        }
+}
+
+// The same in explicit dynamics, of a cube that is soft: it leans, but as a whole it goes as its friction in all says; what still swings is a thousandth of that.
+TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
+{
+    const double friction = 0.4, edge = 0.04, g = 9.81, mass = 1000 * edge * edge * edge;
+    for (pliant_element_kind kind : kinds)
+        for (double slope : {0.9 * friction, 1.1 * friction}) {
+            Body cube(std::vector<int>{4, 4, 4}.data(), std::vector<double>{edge, edge, edge}.data(), {{young, 0.3, 1000, false}});
+            cube.cells(4, 4, 4, 1);
+            cube.scene.element.kind = kind;
+            cube.scene.solver.kind = PLIANT_TLED;
+            cube.scene.solver.threads = 1;
+            cube.scene.tled.damping = 0;
+            cube.scene.tled.stiffness_damping = 0.005;
+            cube.scene.contact.friction = friction;
+            cube.scene.model.gravity[2] = -g;
+            cube.scene.ground.normal[2] = 1;
+            cube.scene.ground.point[2] = -10; // what falls is allowed
+            cube.scene.obstacles.planes[cube.scene.obstacles.num_planes++] = {{0, 0, 0}, {0, 0, 1}};
+            ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
+            press(cube, -1, 50);
+            for (int s = 1; s <= 50; s++) { /* leans little by little */
+                const double gravity[3] = {0.9 * friction * g * s / 50, 0, -g};
+                ASSERT_EQ(pliant_data_set_gravity(cube.data, gravity), PLIANT_OK);
+                press(cube, -1, 1);
+            }
+            const double gravity[3] = {slope * g, 0, -g};
+            ASSERT_EQ(pliant_data_set_gravity(cube.data, gravity), PLIANT_OK);
+            const int apart = 10;
+            double at[3], force[3] = {0, 0, 0};
+            press(cube, -1, 25);
+            for (int s = 0; s < 3; s++) { /* of the centre, at three times */
+                at[s] = 0;
+                for (int32_t n = 0; n < cube.model->body->fine.num_nodes; n++) at[s] += cube.data->body->node_mass[n] * cube.data->positions[3 * n] / mass;
+                for (int k = 0; k < apart && s < 2; k++) {
+                    ASSERT_GE(pliant_step(cube.model, cube.data), 0) << pliant_last_error();
+                    const Force of = felt(cube, -1);
+                    for (int d = 0; d < 3; d++) force[d] += of.by[d] / (2 * apart);
+                }
+            }
+            const double time = apart * cube.scene.solver.step, faster = (at[2] - 2 * at[1] + at[0]) / time / time;
+            EXPECT_NEAR(faster, std::fmax(0, g * (slope - friction)), 1e-3 * 0.1 * friction * g);
+            EXPECT_NEAR(force[2], mass * g, 1e-3 * mass * g);
+            EXPECT_NEAR(force[0], -std::fmin(slope, friction) * mass * g, 1e-3 * friction * mass * g);
+        }
+}
+
+// Two boxes hold a block on a soft foot by friction, and lift it until the foot pulls at it with 2 mu N, then it slips. Along and across each point's own normal, as the
+// block bulges around the boxes' borders. Until then it goes along but for what its sides are sheared: 1 to 2 % as long as it sticks.
+TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
+{
+    const double friction = 0.4;
+    for (pliant_element_kind kind : kinds) {
+        Block block(4, 8, 0.02, {{young, 0.3, 1000, false}, {young / 10, 0.3, 1000, false}}, [](int, int, int k) { return k < 2 ? 1 : 0; });
+        block.scene.element.kind = kind;
+        block.scene.contact.friction = friction;
+        block.fix_below();
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        const int left = add_tool(block, "left", box(-0.01, -0.012, -0.012, 0, 0.012, 0.012)), right = add_tool(block, "right", box(0, -0.012, -0.012, 0.01, 0.012, 0.012));
+        auto hold = [&](double closed, double up) {
+            place(block, left, closed, block.edge / 2, 0.03 + up);
+            place(block, right, block.edge - closed, block.edge / 2, 0.03 + up);
+            press(block, left, 3);
+        };
+        auto top = [&] {
+            double sum = 0;
+            int count = 0;
+            for (int32_t n = 0; n < block.model->body->fine.num_nodes; n++)
+                if (block.model->body->fine.rest[3 * n + 2] > block.height - 1e-9) sum += block.data->positions[3 * n + 2] - block.height, count++;
+            return sum / count;
+        };
+        for (int s = 1; s <= 5; s++) hold(1e-4 * s, 0);
+        const double first = top(), step = 0.00025;
+        double last = first;
+        int s = 1;
+        for (; s <= 24 && (s < 2 || top() > last); s++) {
+            last = top();
+            hold(5e-4, step * s);
+            const Force by_left = felt(block, left), by_right = felt(block, right);
+            double held[3];
+            block.reaction(held);
+            EXPECT_NEAR(held[2], -by_left.by[2] - by_right.by[2], 1e-3 * std::fabs(by_left.by[0]));
+            EXPECT_LE(by_left.slides, friction * by_left.presses * (1 + 1e-9));
+            EXPECT_LE(by_right.slides, friction * by_right.presses * (1 + 1e-9));
+            if (s < 10) { EXPECT_NEAR(top() - first, step * s, 0.03 * step * s); }
+        }
+        ASSERT_LT(s, 24) << "it slips";
+        for (const Force &force : {felt(block, left), felt(block, right)}) EXPECT_NEAR(force.slides, friction * force.presses, 1e-3 * friction * force.presses);
+    }
+}
+
+} // namespace
