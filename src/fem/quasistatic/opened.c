@@ -258,15 +258,24 @@ int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant
     return limit->evaluations < allowed ? (limit->evaluations > most ? limit->evaluations : most) : allowed;
 }
 
-pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations)
+/* Points of contact are found anew in every evaluation: where there are any, the state is not one that is known. */
+static bool is_settled(const pliant_solver *solver)
+{
+    const double tolerance = solver->rules.tolerance * fmax(solver->now.displacement, solver->rules.smallest_displacement);
+    return !pliant_touches_any(solver->touches) && pliant_opened_is_settled(longest(solver, solver->now.step), tolerance);
+}
+
+pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations, bool *settled)
 {
     bool goes = solver->opened && !solver->system->basis && most >= PLIANT_OPENED_LEAST;
     *evaluations = 0;
+    *settled = false;
     solver->opened = solver->opened_axes = false;
     if (!goes) return PLIANT_OK;
     pliant_status status = pliant_solver_evaluate(solver, PLIANT_KNOWN_NOTHING, &solver->now);
     solver->opened = status != PLIANT_OK;
     if (status != PLIANT_OK || !isfinite(solver->now.merit) || !(solver->now.merit > 0)) return status;
+    if ((*settled = is_settled(solver))) return PLIANT_OK;
     newton_step found = {0};
     int32_t products = pliant_opened_products(most);
     status = begin(solver, &found, &goes);

@@ -14,6 +14,8 @@ enum {
 
 /* Of the norm of the residual, of which a hinge has a small part: with 0.05 it is left as it was (NUMERICS 10). */
 #define PLIANT_OPENED_ENOUGH 0.01
+/* Of the tolerance: a cut whose first step is no longer than this has released nothing. A hinge's is longer than it is made by the carried inverse, a hundred times. */
+#define PLIANT_OPENED_SETTLED 0.1
 /* Of the first direction: what holds has not moved if it has moved less. */
 #define PLIANT_OPENED_HARDLY 0.01
 /* Thousandths of the body's length: of the difference that a product is taken by; that are gone at once; from where on each part is looked at; in all:
@@ -31,6 +33,8 @@ static inline double pliant_opened_difference(double smallest_displacement, doub
     const double part = PLIANT_OPENED_DIFFERENCE * smallest_displacement / longest;
     return longest > 0 && isfinite(part) ? part : 0;
 }
+/* Whether the first step [m] says that there is nothing to be found. */
+static inline bool pliant_opened_is_settled(double longest, double tolerance) { return longest <= PLIANT_OPENED_SETTLED * tolerance; }
 /* Conjugate gradients: whether another direction is worth its product; how much of it is gone, 0: it leads nowhere; of it, in the next one. led: the first, which
  * what holds has led, is gone as it is. */
 static inline bool pliant_opened_goes_on(double norm, double first) { return norm > PLIANT_OPENED_ENOUGH * PLIANT_OPENED_ENOUGH * first; }

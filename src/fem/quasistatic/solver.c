@@ -86,11 +86,10 @@ static void prepare_next(pliant_solver *solver)
     if (rules->next == PLIANT_NEXT_BLIND) take_blind_step(solver);
 }
 
-static pliant_status iterate(pliant_solver *solver, step_time *time)
+static pliant_status iterate(pliant_solver *solver, pliant_known known, step_time *time)
 {
     pliant_anderson *rules = &solver->rules;
     pliant_anderson_begin(rules);
-    const pliant_known known = pliant_solver_known(solver, &solver->in_use, &solver->posterior.seen);
     do {
         const bool first = rules->next == PLIANT_NEXT_FIRST;
         pliant_iterate *at = first ? &solver->now : &solver->trial;
@@ -184,11 +183,13 @@ static int32_t first_evaluations(const pliant_solver *solver, const step_time *t
 static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time, int32_t *evaluations)
 {
     const int32_t most = solver->rules.most_evaluations, allowed = first_evaluations(solver, time);
-    pliant_status status = pliant_solver_open(solver, allowed, evaluations);
+    bool settled;
+    pliant_status status = pliant_solver_open(solver, allowed, evaluations, &settled);
     if (*evaluations > 0) solver->rules.most_evaluations = allowed - *evaluations;
-    time->solved += *evaluations;
+    time->solved += *evaluations + settled;
     time->whole += *evaluations;
-    if (status == PLIANT_OK) status = iterate(solver, time);
+    const pliant_known known = pliant_solver_known(solver, &solver->in_use, &solver->posterior.seen);
+    if (status == PLIANT_OK) status = iterate(solver, settled ? PLIANT_KNOWN_STEP : known, time);
     solver->rules.most_evaluations = most;
     *evaluations += pliant_anderson_iterations(&solver->rules);
     return status;

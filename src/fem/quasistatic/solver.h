@@ -184,9 +184,9 @@ void pliant_solver_elastic_forces(pliant_solver *solver, pliant_iterate *at);
 pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, pliant_iterate *at);
 
 /* ---- opened.c */
-/* Before the first step after a cut: Newton's, of at most so many evaluations. evaluations: out: how many it took; 0: this is no such step.
- * Errors: MEMORY, NUMERIC. */
-pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations);
+/* Before the first step after a cut: Newton's, of at most so many evaluations. evaluations: out: how many it took; 0: this is no such step, or the cut has released
+ * nothing (*settled: the state of now is evaluated). Errors: MEMORY, NUMERIC. */
+pliant_status pliant_solver_open(pliant_solver *solver, int32_t most, int32_t *evaluations, bool *settled);
 /* What that led to is no good: back to the axes of the state before. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_solver_open_back(pliant_solver *solver);
 /* What the first step after a cut may take: a part (a third: 3) more than any step, but live no more than twice the median, where that is more than usual. */
