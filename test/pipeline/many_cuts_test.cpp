@@ -130,6 +130,7 @@ TEST_P(EveryHolder, TellsItsOwnBytes)
     body.cells(7, 6, 6, 1);
     body.scene.cut.kind = PLIANT_CUT_SEVER;
     body.scene.solver.iterations = 2;
+    body.scene.solver.backend = PLIANT_CPU;
     GetParam().set(body.scene);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     pliant_data_free(body.data);
@@ -198,6 +199,7 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
     body.cells(7, 6, 6, 1);
     body.scene.cut.kind = PLIANT_CUT_SEVER;
     body.scene.solver.iterations = 2;
+    body.scene.solver.backend = PLIANT_CPU;
     GetParam().set(body.scene);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     pliant_data_free(body.data);
