@@ -92,6 +92,7 @@ typedef struct pliant_graded_base {
 typedef struct pliant_graded {
     pliant_mesh mesh;         /* solved: nodes and the lattice, no tetrahedra */
     int32_t coarse_nodes;
+    const int32_t *coarse_place; /* (coarse_nodes) where each is in the coarse lattice; the body's */
     uint8_t *used;            /* (coarse_nodes) an element has it */
     uint8_t *refined;         /* (cells of the coarse lattice) */
     pliant_graded_base *base; /* the coarse elements at load; shared */

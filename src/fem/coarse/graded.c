@@ -244,6 +244,7 @@ static pliant_status make_mesh(grading *work)
     if (!graded) return no_memory();
     pliant_mesh *mesh = &graded->mesh;
     graded->coarse_nodes = coarse->num_nodes;
+    graded->coarse_place = coarse->lattice_of_node;
     memcpy(mesh->cells, coarse->cells, sizeof mesh->cells);
     memcpy(mesh->cell_size, coarse->cell_size, sizeof mesh->cell_size);
     memcpy(mesh->corner, coarse->corner, sizeof mesh->corner);

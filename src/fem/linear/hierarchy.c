@@ -27,14 +27,6 @@ static int32_t factor_of(const int32_t cells[3])
     return 0;
 }
 
-/* cube of the coarser lattice that a cell of the finer one lies in */
-static int32_t coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t cell)
-{
-    int32_t factor = fine->cells[0] / coarse->cells[0], i = cell % fine->cells[0], j = cell / fine->cells[0] % fine->cells[1];
-    int32_t k = cell / fine->cells[0] / fine->cells[1];
-    return i / factor + coarse->cells[0] * (j / factor + coarse->cells[1] * (k / factor));
-}
-
 /* coarse elements that hold something: tetrahedra, or whole cubes where elements are hexahedra */
 static pliant_status coarser_mesh(const pliant_system *fine, int32_t factor, pliant_mesh *out)
 {
@@ -68,7 +60,7 @@ static pliant_status link_elements(const pliant_system *fine, int32_t factor, pl
     }
     for (int32_t c = 0; macros && c < coarse_count; c++) cube_of_cell[next->macros->cell[c]] = c;
     for (int32_t e = 0; e < count; e++) {
-        level->parent[e] = macros ? cube_of_cell[coarse_cell(fine->mesh, coarse, macros->cell[e])]
+        level->parent[e] = macros ? cube_of_cell[pliant_coarse_cell(fine->mesh, coarse, macros->cell[e])]
                                   : coarse->tet_of_lattice[pliant_lattice_coarse_of(coarse->cells, factor, fine->mesh->lattice_of_tet[e])];
         level->child_start[level->parent[e] + 2]++;
     }
@@ -78,32 +70,24 @@ static pliant_status link_elements(const pliant_system *fine, int32_t factor, pl
     return PLIANT_OK;
 }
 
-void pliant_level_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element, double *out)
-{
-    const pliant_mesh *mesh = fine->mesh;
-    if (!coarse->macros) {
-        pliant_mesh_barycentric(coarse->mesh, element, mesh->rest + 3 * node, out);
-        /* a coordinate of a nested node is zero or at least one over the factor: what is smaller is rounding */
-        for (int v = 0; v < 4; v++) out[v] = out[v] > 1e-6 ? out[v] : 0;
-        return;
-    }
-    int32_t at = mesh->lattice_of_node[node], nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, cell = coarse->macros->cell[element];
-    const int32_t place[3] = {at % nx, at / nx % ny, at / nx / ny}, *cells = coarse->mesh->cells;
-    const int32_t corner[3] = {cell % cells[0], cell / cells[0] % cells[1], cell / cells[0] / cells[1]};
-    double along[3];
-    for (int d = 0; d < 3; d++) {
-        int32_t factor = mesh->cells[d] / cells[d];
-        along[d] = (double)(place[d] - factor * corner[d]) / factor;
-    }
-    for (int v = 0; v < 8; v++) {
-        out[v] = 1;
-        for (int d = 0; d < 3; d++) out[v] *= v >> d & 1 ? along[d] : 1 - along[d];
-    }
-}
-
 static int32_t corner_of(const pliant_system *system, int32_t element, int corner)
 {
     return system->macros ? system->macros->node[system->macros->start[element] + corner] : system->mesh->tets[4 * element + corner];
+}
+
+/* (nodes) a coarse element that holds each */
+static void find_holders(const pliant_system *fine, const pliant_grid_level *level, const pliant_system *next, int32_t *holder)
+{
+    double weights[8];
+    for (int32_t e = 0; e < pliant_level_elements(fine); e++) {
+        int here = fine->macros ? fine->macros->start[e + 1] - fine->macros->start[e] : 4;
+        for (int v = 0; v < here; v++) {
+            const int32_t node = corner_of(fine, e, v);
+            /* beside a cut an element's corners may be those of a cube beside its own, too */
+            if (fine->graded && (level->parent[e] < 0 || !pliant_level_weights(fine, next, node, level->parent[e], weights))) continue;
+            holder[node] = level->parent[e];
+        }
+    }
 }
 
 /* free nodes of the finer level to nodes of the coarser one; coarse nodes that no free node leans on do not take part */
@@ -119,10 +103,7 @@ static pliant_status transfer(const pliant_system *fine, pliant_grid_level *leve
         status = pliant_fail_memory("the transfer between meshes");
         goto done;
     }
-    for (int32_t e = 0; e < pliant_level_elements(fine); e++) {
-        int here = fine->macros ? fine->macros->start[e + 1] - fine->macros->start[e] : 4;
-        for (int v = 0; v < here; v++) holder[corner_of(fine, e, v)] = level->parent[e];
-    }
+    find_holders(fine, level, &next->system, holder);
     memset(unused, 1, (size_t)next->mesh.num_nodes);
     for (size_t f = 0; f < count; f++) {
         int32_t node = fine->node_of_free[f];
@@ -216,6 +197,25 @@ void pliant_hierarchy_free(pliant_hierarchy *hierarchy)
     pliant_free(hierarchy);
 }
 
+static pliant_status next_of_lattice(const pliant_system *fine, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
+{
+    pliant_status status = coarser_mesh(fine, factor, &next->mesh);
+    if (status != PLIANT_OK) return status;
+    next->system.num_blocks = (next->mesh.num_tets + LANES - 1) / LANES;
+    if (fine->macros) status = pliant_system_cubes(&next->system);
+    return status == PLIANT_OK ? link_elements(fine, factor, level, &next->system) : status;
+}
+
+/* The level above a graded system is in the coarse lattice. */
+static pliant_status next_of_fragments(const pliant_system *finest, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
+{
+    int32_t cells[3];
+    pliant_status status = PLIANT_OK;
+    for (int d = 0; d < 3; d++) cells[d] = level->system.graded ? finest->mesh->cells[d] : level->system.mesh->cells[d] / factor;
+    if (level->system.graded) status = pliant_nested_places(level);
+    return status == PLIANT_OK ? pliant_nested_elements(&level->system, cells, level, next) : status;
+}
+
 pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t largest_direct, pliant_hierarchy **out)
 {
     pliant_hierarchy *hierarchy = pliant_calloc(1, sizeof *hierarchy);
@@ -228,16 +228,13 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
         pliant_grid_level *level = hierarchy->level + hierarchy->num_levels - 1, *next = level + 1;
         const pliant_system *fine = &level->system;
         if (hierarchy->num_levels > 1 && fine->num_free <= largest_direct) break;
-        if (!(factor = factor_of(fine->mesh->cells))) break;
+        factor = factor_of(fine->mesh->cells);
+        if (!factor && !fine->graded) break;
         hierarchy->num_levels++;
         level->corners = system->macros ? 8 : 4;
-        status = coarser_mesh(fine, factor, &next->mesh);
-        if (status != PLIANT_OK) break;
         next->system.mesh = next->system.fine = &next->mesh;
         next->system.num_threads = system->num_threads;
-        next->system.num_blocks = (next->mesh.num_tets + LANES - 1) / LANES;
-        if (system->macros) status = pliant_system_cubes(&next->system);
-        if (status == PLIANT_OK) status = link_elements(fine, factor, level, &next->system);
+        status = system->graded ? next_of_fragments(system, factor, level, next) : next_of_lattice(fine, factor, level, next);
         if (status == PLIANT_OK) status = transfer(fine, level, next);
         if (status == PLIANT_OK) status = transpose(level, fine->num_free, next->system.num_free);
         if (status == PLIANT_OK) status = full_rows(fine, level);

@@ -11,6 +11,8 @@
 /* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a tenth
  * need the fewest evaluations for the time) */
 enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
+/* corners of an element of the finest level, at most: beside a cut (coarse/graded.c) */
+enum { MOST_CORNERS = 64 };
 static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 
 /* numbers of one level */
@@ -139,7 +141,7 @@ static void galerkin_cube(const pliant_grid_level *grid, const level_values *fin
     memset(out, 0, 576 * sizeof *out);
     for (int32_t c = grid->child_start[cube]; c < grid->child_start[cube + 1]; c++) {
         int32_t child = grid->child[c], begin = macros->start[child], count = macros->start[child + 1] - begin;
-        double share[8][8], k[8 * 9], half[8 * 9];
+        double share[MOST_CORNERS][8], k[MOST_CORNERS * 9], half[8 * 9];
         for (int v = 0; v < count; v++) {
             memset(share[v], 0, sizeof share[v]);
             if (system->free_of_node[macros->node[begin + v]] >= 0)
@@ -203,7 +205,7 @@ static void fill_row(const pliant_grid_level *grid, level_values *level, const p
     memset(blocks, 0, 9 * count * sizeof *blocks);
     for (int32_t e = system->corner_start[row]; e < system->corner_end[row]; e++) {
         int32_t corner = system->corner[e], cube = macros->cube_of_corner[corner], begin = macros->start[cube];
-        double k[8 * 9];
+        double k[MOST_CORNERS * 9];
         pliant_macro_column(system, tangents, corner, k);
         for (int32_t v = 0; v < macros->start[cube + 1] - begin; v++) {
             int32_t column = system->free_of_node[macros->node[begin + v]];

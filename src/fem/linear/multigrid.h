@@ -21,6 +21,8 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
 pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy); /* one more holder, from any thread */
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy); /* one less; Nullable */
 int pliant_hierarchy_levels(const pliant_hierarchy *hierarchy);
+/* Unknowns of a graded system that lie where another one does: opened (num_free). Errors: MEMORY. */
+pliant_status pliant_hierarchy_opened(const pliant_hierarchy *hierarchy, uint8_t *opened);
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy); /* of a refresh, roughly */
 
 pliant_status pliant_multigrid_create(const pliant_hierarchy *hierarchy, int num_threads, pliant_multigrid **out);

@@ -10,6 +10,8 @@
 /* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget, bench_elements); a factor of
  * hexahedra has twice the numbers (NUMERICS 5). */
 enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 4000, COARSEST = 1000 };
+/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS 10). */
+enum { COARSEST_OF_FRAGMENTS = 8000 };
 
 struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
@@ -17,6 +19,8 @@ struct pliant_preconditioner {
     double *values;            /* (pattern.num_values) room for the matrix; direct */
     pliant_hierarchy *hierarchy; /* shared by clones */
     pliant_multigrid *multigrid;
+    pliant_subdomain *near;    /* Nullable: beside the multigrid, around what cuts have opened */
+    double *rest, *left;       /* (3 num_free) room for it */
     const pliant_basis *basis; /* borrowed */
     pliant_reduction *reduction; /* of it */
     pliant_carried *carried;   /* of a body before this system's */
@@ -29,6 +33,37 @@ static pliant_status create_direct(pliant_preconditioner *preconditioner, const 
     return preconditioner->values ? pliant_factor_analyze_in(pattern, order, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
 }
 
+/* Fragments as thin as a node are not smoothed, and a cube of the next level has no tip of a cut in it: as far as that is wide the inverse of the stiffness is part of
+ * the V-cycle, as it is of what is carried over (carried.h). */
+static pliant_status create_near(pliant_preconditioner *preconditioner)
+{
+    const pliant_system *system = &preconditioner->system;
+    if (!system->graded) return PLIANT_OK;
+    int32_t rings = 1;
+    for (int d = 0; d < 3; d++) rings = system->fine->cells[d] / system->mesh->cells[d] > rings ? system->fine->cells[d] / system->mesh->cells[d] : rings;
+    uint8_t *opened = pliant_calloc((size_t)system->num_free, 1);
+    pliant_status status = opened ? pliant_hierarchy_opened(preconditioner->hierarchy, opened) : pliant_fail_memory("the preconditioner");
+    if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, rings, NULL, NULL, &preconditioner->near);
+    preconditioner->rest = pliant_calloc((size_t)system->num_free, 3 * sizeof *preconditioner->rest);
+    preconditioner->left = pliant_calloc((size_t)system->num_free, 3 * sizeof *preconditioner->left);
+    if (!preconditioner->rest || !preconditioner->left) status = pliant_fail_memory("the preconditioner");
+    pliant_free(opened);
+    return status;
+}
+
+static pliant_status create_layered(pliant_preconditioner *preconditioner)
+{
+    const pliant_system *system = &preconditioner->system;
+    pliant_status status = pliant_hierarchy_create(system, system->graded ? COARSEST_OF_FRAGMENTS : COARSEST, &preconditioner->hierarchy);
+    if (status != PLIANT_OK) return status;
+    if (!preconditioner->hierarchy) {
+        pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
+        return PLIANT_OK;
+    }
+    status = pliant_multigrid_create(preconditioner->hierarchy, system->num_threads, &preconditioner->multigrid);
+    return status == PLIANT_OK ? create_near(preconditioner) : status;
+}
+
 pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const int32_t *order,
                                            pliant_preconditioner **out)
 {
@@ -38,13 +73,7 @@ pliant_status pliant_preconditioner_create(const pliant_system *system, pliant_p
     pliant_status status = PLIANT_OK;
     int32_t largest = system->macros ? LARGEST_DIRECT_HEXAHEDRA : LARGEST_DIRECT;
     bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > largest);
-    if (layered) {
-        status = pliant_hierarchy_create(system, COARSEST, &preconditioner->hierarchy);
-        if (status == PLIANT_OK && !preconditioner->hierarchy)
-            pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
-        if (status == PLIANT_OK && preconditioner->hierarchy)
-            status = pliant_multigrid_create(preconditioner->hierarchy, system->num_threads, &preconditioner->multigrid);
-    }
+    if (layered) status = create_layered(preconditioner);
     if (status == PLIANT_OK && !preconditioner->hierarchy) status = create_direct(preconditioner, order);
     if (status != PLIANT_OK) {
         pliant_preconditioner_free(preconditioner);
@@ -83,6 +112,8 @@ pliant_status pliant_preconditioner_clone(const pliant_preconditioner *source, i
     } else if (source->multigrid) {
         status = pliant_multigrid_create(source->hierarchy, num_threads, &preconditioner->multigrid);
         if (status == PLIANT_OK) status = pliant_multigrid_copy(preconditioner->multigrid, source->multigrid);
+        if (status == PLIANT_OK) status = create_near(preconditioner);
+        if (status == PLIANT_OK && preconditioner->near) status = pliant_subdomain_copy(preconditioner->near, source->near);
     } else {
         preconditioner->values = pliant_calloc((size_t)source->system.pattern.num_values, sizeof *preconditioner->values);
         status = preconditioner->values ? pliant_factor_clone(source->factor, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
@@ -153,7 +184,10 @@ int32_t pliant_preconditioner_order(const pliant_preconditioner *preconditioner,
 pliant_status pliant_preconditioner_numeric(pliant_preconditioner *preconditioner, const pliant_tangent *tangents)
 {
     if (preconditioner->basis) return pliant_reduction_numeric(preconditioner->basis, tangents, preconditioner->reduction);
-    if (preconditioner->multigrid) return pliant_multigrid_numeric(preconditioner->multigrid, tangents);
+    if (preconditioner->multigrid) {
+        pliant_status status = pliant_multigrid_numeric(preconditioner->multigrid, tangents);
+        return status == PLIANT_OK && preconditioner->near ? pliant_subdomain_numeric(preconditioner->near, tangents) : status;
+    }
     pliant_system_assemble(&preconditioner->system, tangents, preconditioner->values);
     return pliant_factor_numeric(preconditioner->factor, preconditioner->values);
 }
@@ -165,6 +199,21 @@ static pliant_status solve_carried(pliant_carried *carried, const double *right,
     return status == PLIANT_OK ? pliant_carried_extend(carried, out) : status;
 }
 
+/* S + E V E', E = I - S K */
+static pliant_status solve_layered(pliant_preconditioner *preconditioner, const double *right, double *out)
+{
+    if (!preconditioner->near) return pliant_multigrid_solve(preconditioner->multigrid, right, out);
+    const size_t n = 3 * (size_t)preconditioner->system.num_free;
+    double *rest = preconditioner->rest, *left = preconditioner->left;
+    memcpy(rest, right, n * sizeof *rest);
+    memset(out, 0, n * sizeof *out);
+    pliant_status status = pliant_subdomain_solve(preconditioner->near, rest, out, rest);
+    if (status == PLIANT_OK) status = pliant_multigrid_solve(preconditioner->multigrid, rest, left);
+    if (status == PLIANT_OK) status = pliant_subdomain_extend(preconditioner->near, left, out);
+    for (size_t i = 0; i < n; i++) out[i] += left[i];
+    return status;
+}
+
 pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner, int32_t columns, const double *right, double *out)
 {
     if (preconditioner->factor) return pliant_factor_solve(preconditioner->factor, columns, right, out);
@@ -174,7 +223,7 @@ pliant_status pliant_preconditioner_solve(pliant_preconditioner *preconditioner,
         double *to = out + n * (size_t)c;
         pliant_status status = preconditioner->basis     ? pliant_reduction_solve(preconditioner->basis, preconditioner->reduction, from, to)
                                : preconditioner->carried ? solve_carried(preconditioner->carried, from, to)
-                                                         : pliant_multigrid_solve(preconditioner->multigrid, from, to);
+                                                         : solve_layered(preconditioner, from, to);
         if (status != PLIANT_OK) return status;
     }
     return PLIANT_OK;
@@ -196,7 +245,7 @@ double pliant_preconditioner_operations(const pliant_preconditioner *preconditio
 {
     if (preconditioner->carried) return pliant_preconditioner_operations(preconditioner->carried->base);
     if (preconditioner->basis) return pliant_reduction_operations(preconditioner->basis);
-    if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy);
+    if (preconditioner->hierarchy) return pliant_hierarchy_operations(preconditioner->hierarchy) + (preconditioner->near ? pliant_factor_operations(preconditioner->near->factor) : 0);
     return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }
 
@@ -228,6 +277,9 @@ void pliant_preconditioner_free(pliant_preconditioner *preconditioner)
     pliant_multigrid_free(preconditioner->multigrid);
     pliant_reduction_free(preconditioner->reduction);
     pliant_hierarchy_free(preconditioner->hierarchy);
+    pliant_subdomain_free(preconditioner->near);
+    pliant_free(preconditioner->rest);
+    pliant_free(preconditioner->left);
     if (preconditioner->carried) pliant_preconditioner_free(preconditioner->carried->base);
     pliant_carried_free(preconditioner->carried);
     pliant_free(preconditioner);

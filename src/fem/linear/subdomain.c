@@ -15,6 +15,7 @@ void pliant_subdomain_free(pliant_subdomain *subdomain)
     pliant_free(subdomain->mesh.rest);
     pliant_free(subdomain->mesh.tets);
     pliant_free(subdomain->unknown);
+    pliant_free(subdomain->element);
     pliant_free(subdomain->tangents);
     pliant_free(subdomain->stiffness);
     pliant_free(subdomain->axes);
@@ -35,7 +36,6 @@ typedef struct builder {
     uint8_t *inner;           /* (num_free of the whole) */
     int32_t *list, count;     /* (num_free) the inner unknowns */
     uint8_t *is_here;         /* (elements of the whole) */
-    int32_t *element;         /* (elements here) */
     int32_t *node;            /* (num_nodes of the whole) number here, or -1 */
 } builder;
 
@@ -80,21 +80,21 @@ static pliant_status find_elements(builder *build)
     const size_t whole_nodes = (size_t)whole->mesh->num_nodes;
     size_t corners = 0, most = 0;
     for (int32_t i = 0; i < build->count; i++) most += (size_t)(whole->corner_end[build->list[i]] - whole->corner_start[build->list[i]]);
-    build->element = pliant_calloc(most, sizeof *build->element);
+    made->element = pliant_calloc(most, sizeof *made->element);
     build->node = pliant_calloc(whole_nodes, sizeof *build->node);
-    if (!build->element || !build->node) return no_memory();
+    if (!made->element || !build->node) return no_memory();
     memset(build->node, 0xff, whole_nodes * sizeof *build->node);
     for (int32_t i = 0; i < build->count; i++)
         for (int32_t c = whole->corner_start[build->list[i]]; c < whole->corner_end[build->list[i]]; c++) {
             const int32_t element = pliant_element_of_corner(whole, whole->corner[c]);
             if (build->is_here[element]) continue;
             build->is_here[element] = 1;
-            build->element[made->num_elements++] = element;
+            made->element[made->num_elements++] = element;
             corners += (size_t)(pliant_element_begin(whole, element + 1) - pliant_element_begin(whole, element));
         }
     if (!(made->unknown = pliant_calloc(corners, sizeof *made->unknown))) return no_memory();
     for (int32_t e = 0; e < made->num_elements; e++)
-        for (int32_t v = pliant_element_begin(whole, build->element[e]); v < pliant_element_begin(whole, build->element[e] + 1); v++) {
+        for (int32_t v = pliant_element_begin(whole, made->element[e]); v < pliant_element_begin(whole, made->element[e] + 1); v++) {
             if (build->node[nodes[v]] >= 0) continue;
             made->unknown[mesh->num_nodes] = whole->free_of_node[nodes[v]];
             build->node[nodes[v]] = mesh->num_nodes++;
@@ -132,31 +132,59 @@ static pliant_status factorize(pliant_subdomain *made)
     return status;
 }
 
-static pliant_status find_numbers(const builder *build, const double *positions, const double *axes)
+static pliant_status find_room(const builder *build, const double *axes)
 {
     pliant_subdomain *made = build->made;
     const pliant_system *system = &made->system;
     const size_t nodes = (size_t)made->mesh.num_nodes;
-    pliant_tangent *tangents = made->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *tangents);
     const bool tets = !system->macros;
+    made->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *made->tangents);
     made->x = pliant_calloc(nodes, 3 * sizeof *made->x);
     made->y = pliant_calloc(nodes, 3 * sizeof *made->y);
     made->inner = pliant_calloc((size_t)system->num_free, 3 * sizeof *made->inner);
     if (tets) made->stiffness = pliant_room((size_t)made->num_elements, 144 * sizeof *made->stiffness);
     made->values = pliant_calloc((size_t)system->pattern.num_values, sizeof *made->values);
     if (axes) made->axes = pliant_calloc(nodes, 9 * sizeof *made->axes);
-    pliant_status status = tangents && made->x && made->y && made->inner && (made->stiffness || !tets) && made->values && (!axes || made->axes) ? PLIANT_OK : no_memory();
-    if (status == PLIANT_OK) {
-        for (int32_t n = 0; n < build->whole->mesh->num_nodes; n++)
-            if (build->node[n] >= 0) memcpy(made->x + 3 * build->node[n], positions + 3 * n, 3 * sizeof *made->x);
-        for (size_t n = 0; axes && n < nodes; n++)
-            if (made->unknown[n] >= 0) memcpy(made->axes + 9 * n, axes + 9 * (size_t)made->unknown[n], 9 * sizeof *axes);
-        pliant_system_tangents(system, made->x, PLIANT_TWIST_POSITIVE, tangents);
-        for (int32_t e = 0; tets && e < made->num_elements; e++) pliant_system_element(system, tangents, e, made->stiffness + 144 * (size_t)e);
-        pliant_system_assemble(system, tangents, made->values);
-        status = pliant_factor_analyze(&system->pattern, &made->factor);
+    if (!made->tangents || !made->x || !made->y || !made->inner || (tets && !made->stiffness) || !made->values || (axes && !made->axes)) return no_memory();
+    for (size_t n = 0; axes && n < nodes; n++)
+        if (made->unknown[n] >= 0) memcpy(made->axes + 9 * n, axes + 9 * (size_t)made->unknown[n], 9 * sizeof *axes);
+    return pliant_factor_analyze(&system->pattern, &made->factor);
+}
+
+/* of its tangents */
+static pliant_status find_numbers(pliant_subdomain *made)
+{
+    const pliant_system *system = &made->system;
+    for (int32_t e = 0; made->stiffness && e < made->num_elements; e++) pliant_system_element(system, made->tangents, e, made->stiffness + 144 * (size_t)e);
+    pliant_system_assemble(system, made->tangents, made->values);
+    return factorize(made);
+}
+
+static pliant_status find_numbers_at(const builder *build, const double *positions)
+{
+    pliant_subdomain *made = build->made;
+    for (int32_t n = 0; n < build->whole->mesh->num_nodes; n++)
+        if (build->node[n] >= 0) memcpy(made->x + 3 * build->node[n], positions + 3 * n, 3 * sizeof *made->x);
+    pliant_system_tangents(&made->system, made->x, PLIANT_TWIST_POSITIVE, made->tangents);
+    return find_numbers(made);
+}
+
+pliant_status pliant_subdomain_numeric(pliant_subdomain *subdomain, const pliant_tangent *tangents)
+{
+    for (int32_t e = 0; e < subdomain->num_elements; e++) {
+        const int32_t of = subdomain->element[e];
+        const pliant_tangent *from = tangents + of / LANES;
+        pliant_tangent *to = subdomain->tangents + e / LANES;
+        for (int m = 0; m < 9; m++) to->rotation[m][e % LANES] = from->rotation[m][of % LANES];
+        for (int m = 0; m < 6; m++) to->twist[m][e % LANES] = from->twist[m][of % LANES];
     }
-    return status == PLIANT_OK ? factorize(made) : status;
+    return find_numbers(subdomain);
+}
+
+pliant_status pliant_subdomain_copy(pliant_subdomain *to, const pliant_subdomain *from)
+{
+    memcpy(to->tangents, from->tangents, (size_t)to->system.num_blocks * sizeof *to->tangents);
+    return find_numbers(to);
 }
 
 pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
@@ -176,11 +204,12 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
         if (!(build.made = pliant_calloc(1, sizeof *build.made))) status = no_memory();
         if (status == PLIANT_OK) status = find_elements(&build);
         if (status == PLIANT_OK)
-            status = pliant_system_take(system, build.made->num_elements, build.element, build.node, &build.made->mesh, &build.made->system);
+            status = pliant_system_take(system, build.made->num_elements, build.made->element, build.node, &build.made->mesh, &build.made->system);
         if (status == PLIANT_OK) status = number_inner(&build);
-        if (status == PLIANT_OK) status = find_numbers(&build, positions, axes);
+        if (status == PLIANT_OK) status = find_room(&build, axes);
+        if (status == PLIANT_OK && positions) status = find_numbers_at(&build, positions);
     }
-    void *blocks[] = {build.inner, build.list, build.is_here, build.element, build.node};
+    void *blocks[] = {build.inner, build.list, build.is_here, build.node};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     if (status == PLIANT_OK) *out = build.made;
     else pliant_subdomain_free(build.made);

@@ -149,7 +149,7 @@ static pliant_status refresh_create(pliant_solver *solver)
     pliant_status status = refresh->x && refresh->now ? PLIANT_OK : pliant_fail_memory("the background factorization");
     if (status == PLIANT_OK) status = pliant_nodal_rotations_create(system, &refresh->rotations);
     if (status == PLIANT_OK) status = pliant_secants_create(system, solver->rules.room, refresh->history);
-    if (base) refresh->layered = pliant_preconditioner_layered(*base) && !system->graded; /* fine elements in a coarse lattice have no coarser one */
+    if (base) refresh->layered = pliant_preconditioner_layered(*base);
     if (status == PLIANT_OK && base && !refresh->layered && !system->graded) status = order_after(solver, *base, refresh);
     if (status != PLIANT_OK) pliant_refresh_free(solver);
     return status;
