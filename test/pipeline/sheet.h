@@ -95,13 +95,13 @@ struct Sheet : Body {
         }
         return count;
     }
-    // whether a tool is in one of the two sides that are fixed
-    bool is_in_what_is_held(int index) const
+    // whether a tool would be in one of the two sides that are fixed with its tip there
+    bool is_in_what_is_held(int index, const double tip[3]) const
     {
         const pliant_tool &tool = data->tools[index];
         const pliant_body *body = data->body;
         pliant_pose pose;
-        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tip, tool.rotation, 0, &pose);
         for (int32_t t = 0; t < body->num_triangles; t++) {
             const int32_t *node = body->triangles + 3 * t;
             double corner[3][3], weight[3], normal[3];

@@ -46,6 +46,18 @@ pliant_tool_shape shape_of(const pliant_part &part)
     return shape;
 }
 
+// On the way of a step, by quarters of the tool's depth: a side of 4 mm that is held lies between the poses of two steps otherwise.
+bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step)
+{
+    const int poses = static_cast<int>(std::ceil(0.02 / (0.25 * pliant_part_depth(&on.part))));
+    for (int n = 0; n <= poses; n++) {
+        double tip[3];
+        for (int d = 0; d < 3; d++) tip[d] = on.from[d] + std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
+        if (sheet.is_in_what_is_held(tool, tip)) return true;
+    }
+    return false;
+}
+
 Swept sweep(const Way &on, Mode mode = {})
 {
     Sheet sheet(1, on.friction, mode.budget_ms);
@@ -54,7 +66,7 @@ Swept sweep(const Way &on, Mode mode = {})
     if (mode.live) EXPECT_EQ(pliant_data_set_background(sheet.data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
     for (int step = 0; step < on.steps() + 4; step++) {
         move(sheet, tool, on, step);
-        meets_held = meets_held || sheet.is_in_what_is_held(tool);
+        meets_held = meets_held || comes_by_what_is_held(sheet, tool, on, step);
         EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
     }
     return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), sheet.turned(), meets_held};
