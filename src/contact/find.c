@@ -15,7 +15,7 @@ static const double behind = 0.25; /* cosine between the part's normal and the t
 
 /* ---- features of the triangles near a part */
 
-enum { NODE_BITS = 26, POINT_BITS = 2 /* of a feature there may be more than one point */ };
+enum { NODE_BITS = PLIANT_NODE_BITS, POINT_BITS = 2 /* of a feature there may be more than one point */ };
 enum feature_kind { A_NODE, AN_EDGE, A_FACE };
 
 static uint64_t key_of(enum feature_kind kind, uint64_t a, uint64_t b) { return (uint64_t)kind << (2 * NODE_BITS) | a << NODE_BITS | b; }
@@ -130,15 +130,13 @@ bool pliant_search_leaves_out(const pliant_search *on, const pliant_feature *of)
     return held || fixed;
 }
 
-static uint64_t side_key(const pliant_search *on, int32_t node) { return on->part_key << NODE_BITS | (uint64_t)node; }
-
 bool pliant_search_remembers(const pliant_search *on, const pliant_feature *of, double normal[3])
 {
     const pliant_finder *finder = on->finder;
     memset(normal, 0, 3 * sizeof *normal);
     if (!on->part->remembers || finder->num_sides == 0) return false;
     for (int32_t k = 0; k < of->count; k++) {
-        const uint64_t key = side_key(on, of->node[k]);
+        const uint64_t key = pliant_side_key(on->part_key, of->node[k]);
         const pliant_side *found = bsearch(&key, finder->sides, (size_t)finder->num_sides, sizeof *found, pliant_compare_keys);
         for (int d = 0; found && d < 3; d++) normal[d] += of->weight[k] * found->normal[d];
     }
@@ -161,10 +159,17 @@ double pliant_search_distance(const pliant_search *on, pliant_feature *of, const
                           : pliant_face_minimum(on->part->part, (const double(*)[3])local, enough, of->weight, normal);
 }
 
+/* Whether a triangle is nearest in its inside. On its border an edge or a node is what is met, of which the triangle's own normal says nothing. */
+static bool is_inside(const pliant_feature *of)
+{
+    const double border = 1e-3;
+    return of->count == 3 && of->weight[0] > border && of->weight[1] > border && of->weight[2] > border;
+}
+
 bool pliant_search_is_flush(const pliant_feature *of, double distance, const double world[3])
 {
     const double flush = 1e-5; /* [m] */
-    return of->count == 3 && fabs(distance) < flush && dot(world, of->outwards) > aslant * sqrt(dot(of->outwards, of->outwards));
+    return is_inside(of) && fabs(distance) < flush && dot(world, of->outwards) > aslant * sqrt(dot(of->outwards, of->outwards));
 }
 
 bool pliant_search_is_stuck(const pliant_search *on, const pliant_feature *of)
@@ -200,7 +205,7 @@ static bool meet(const pliant_search *on, pliant_feature *of, int32_t p, double 
     const bool known = pliant_search_remembers(on, of, kept);
     pliant_pose_turn(pose, normal, world);
     const bool on_its_way = p < part->num_poses - 1; /* the tissue's own normal counts then */
-    const bool sharp = on_its_way && of->count == 3 && distance < 0 && dot(world, of->outwards) > aslant * area;
+    const bool sharp = on_its_way && is_inside(of) && distance < 0 && dot(world, of->outwards) > aslant * area;
     const bool nowhere = dot(normal, normal) < 0.5 || sharp || pliant_search_is_flush(of, distance, world);
     if (known && distance < 0 && (nowhere || pliant_search_misleads(on, distance, dot(normal, kept)))) {
         memcpy(normal, kept, sizeof kept);
@@ -385,7 +390,8 @@ void pliant_search_write(const pliant_search *on, const pliant_feature *of, plia
         out->node[k] = keep->node[k] = of->node[k];
         out->weight[k] = keep->weight[k] = of->weight[k];
         pliant_side *next = finder->next + finder->num_next++;
-        next->key = side_key(on, of->node[k]);
+        next->pressed = false;
+        next->key = pliant_side_key(on->part_key, of->node[k]);
         pliant_pose_turn_back(end, of->normal, next->normal);
     }
     memcpy(out->normal, of->normal, sizeof of->normal);

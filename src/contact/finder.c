@@ -38,12 +38,25 @@ void pliant_finder_forget(pliant_finder *finder)
     finder->broad.knows_last = false;
 }
 
+/* Of a node that presses, the side is that by which it does: what is merely near says nothing that would count against it. */
+static void tell_sides(pliant_finder *finder, const pliant_kept_point *kept)
+{
+    for (int32_t k = 0; k < kept->count && finder->num_sides > 0; k++) {
+        const uint64_t key = pliant_side_key(kept->feature >> 56, kept->node[k]);
+        pliant_side *side = bsearch(&key, finder->sides, (size_t)finder->num_sides, sizeof *side, pliant_compare_keys);
+        if (!side) continue;
+        for (int d = 0; d < 3; d++) side->normal[d] = (side->pressed ? side->normal[d] : 0) + kept->normal[d];
+        side->pressed = true;
+    }
+}
+
 void pliant_finder_tell(pliant_finder *finder, const pliant_contacts *contacts)
 {
     int32_t c = 0;
     for (int32_t k = 0; k < finder->num_kept; k++) {
         while (c < contacts->count && contacts->point[c].feature < finder->kept[k].feature) c++;
         finder->kept[k].pressed = c < contacts->count && contacts->point[c].feature == finder->kept[k].feature && contacts->point[c].begun;
+        if (finder->kept[k].pressed) tell_sides(finder, finder->kept + k);
     }
 }
 

@@ -33,7 +33,11 @@ typedef struct pliant_kept_point {
 typedef struct pliant_side {
     uint64_t key; /* part, node */
     double normal[3];
+    bool pressed; /* of points that pressed alone */
 } pliant_side;
+
+enum { PLIANT_NODE_BITS = 26 /* of a key */ };
+static inline uint64_t pliant_side_key(uint64_t part, int32_t node) { return part << PLIANT_NODE_BITS | (uint64_t)node; }
 
 struct pliant_finder {
     pliant_broad broad;

@@ -49,8 +49,8 @@ static double find_ways(pliant_search *on)
     return most;
 }
 
-/* Where the part is met first; its normal there, in its own frame. false: nowhere on the way */
-static bool meet(const pliant_search *on, pliant_feature *of, double normal[3], double place[3])
+/* Where the part is met first; its normal there, in its own frame. false: nowhere on the way, or the part comes out of the tissue there: *through */
+static bool meet(const pliant_search *on, pliant_feature *of, double normal[3], double place[3], bool *through)
 {
     const pliant_moving_part *part = on->part;
     const int32_t last = part->num_poses - 1;
@@ -66,7 +66,9 @@ static bool meet(const pliant_search *on, pliant_feature *of, double normal[3], 
             for (int d = 0; d < 3; d++) normal[d] /= -area;
             pliant_pose_turn(part->pose + p, normal, world);
         }
-        if (distance <= touching && dot(normal, normal) > no_way && !pliant_search_is_behind(of, world)) {
+        if (distance <= touching && dot(normal, normal) > no_way) {
+            *through = pliant_search_is_behind(of, world);
+            if (*through) return false;
             place_of(on, of, share, at);
             pliant_pose_from(part->pose + p, at, place);
             for (int d = 0; d < 3; d++) place[d] -= distance * normal[d];
@@ -93,7 +95,8 @@ static void look(const pliant_search *on, pliant_feature *of)
     double normal[3] = {0, 0, 0}, met[3] = {0, 0, 0}, place[3], point[3], local[3];
     of->gap = INFINITY;
     if (pliant_search_leaves_out(on, of)) return;
-    bool knows = meet(on, of, met, place);
+    bool through = false, knows = meet(on, of, met, place, &through);
+    if (through) return; /* what it has come in by has its own points */
     const pliant_feature first = *of;
     const double distance = pliant_search_distance(on, of, end, 1, knows ? INFINITY : 0, normal);
     const bool nowhere = dot(normal, normal) < no_way;
