@@ -92,7 +92,7 @@ static void look(const pliant_search *on, pliant_feature *of)
     const pliant_moving_part *part = on->part;
     const pliant_pose *end = part->pose + part->num_poses - 1;
     const double least = fmin(deep_enough, of_depth * pliant_part_depth(part->part));
-    double normal[3] = {0, 0, 0}, met[3] = {0, 0, 0}, place[3], point[3], local[3];
+    double normal[3] = {0, 0, 0}, met[3] = {0, 0, 0}, place[3], point[3], local[3], before[3];
     of->gap = INFINITY;
     if (pliant_search_leaves_out(on, of)) return;
     bool through = false, knows = meet(on, of, met, place, &through);
@@ -118,10 +118,11 @@ static void look(const pliant_search *on, pliant_feature *of)
     pliant_pose_turn(end, normal, of->normal);
     memcpy(of->found, of->normal, sizeof of->found);
     pliant_pose_to(end, place, of->place);
+    pliant_pose_to(part->pose, place, before);
     of->gap = 0;
     for (int d = 0; d < 3; d++) {
+        of->drift[d] = of->place[d] - before[d];
         of->place[d] += rest * of->normal[d];
-        of->drift[d] = 0;
         of->gap += of->normal[d] * (point[d] - of->place[d]);
     }
     of->touches = of->gap < -least;

@@ -338,6 +338,13 @@ bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
     return any;
 }
 
+bool pliant_contact_presses(const pliant_data *data)
+{
+    bool any = false;
+    for (int32_t n = 0; n < data->contacts.count && !any; n++) any = data->contacts.point[n].begun;
+    return any;
+}
+
 /* ---- once a step is solved */
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -385,6 +392,7 @@ static int32_t take_in(pliant_data *data, pliant_contacts *found)
         const double before = gap_so_far(all, count, data->positions, point, &same);
         if (!(gap_of(point, data->positions) < fmin(before, 0) - deeper)) continue;
         if (same) pliant_contact_carry(same, data->positions, point);
+        for (int d = 0; d < 3 && same; d++) point->anchor[d] -= point->drift[d]; /* both are where the step ends */
         if (same) *same = *point;
         else all->point[all->count++] = *point;
         taken++;
@@ -433,10 +441,13 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(&data->contacts, data->contacts.count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    if (take_in(data, &search->made) == 0) return false;
-    for (int32_t n = 0; n < data->contacts.count; n++) /* positions are those after the step: what begins to touch sticks where it is now */
+    return take_in(data, &search->made) > 0;
+}
+
+void pliant_contact_goes_on_from_here(pliant_data *data)
+{
+    for (int32_t n = 0; n < data->contacts.count; n++)
         if (!data->contacts.point[n].begun) memset(data->contacts.point[n].drift, 0, sizeof data->contacts.point[n].drift);
-    return true;
 }
 
 void pliant_contact_end(pliant_data *data)

@@ -156,27 +156,30 @@ static bool goes_wrong(const pliant_model *model, pliant_data *data, const plian
     return pliant_substeps_turned(data) || pliant_contact_passed(model, data);
 }
 
-/* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool. A step that waits for nothing takes one more of
- * them at most, one with a budget no more than there is time for. Where solving again fails, the step stays as it was solved.
+/* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool, from where it began if that is kept: where
+ * tissue has got by, it has gone astray. One with a budget takes no more of them than there is time for. Where solving again fails, the step stays as it was solved.
  * *wrong: tissue still gets by, or is inside out. Errors: UNAVAILABLE. */
 static pliant_status solve_again(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, pliant_status first, bool *wrong)
 {
     enum { MOST = 6 };
-    const int most = data->background.kind != PLIANT_BACKGROUND_PLANNED ? 1 : MOST;
+    const bool kept = parts->kept;
     int again = 0;
     if (!pliant_contact_may_pass(data)) return first;
     pliant_status status = place(model, data, false);
     if (status < 0) return status;
     status = first;
     take_no_more(data);
-    for (; again < most && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data); again++) {
+    for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data); again++) {
         const double start = pliant_seconds();
         const int32_t iterations = data->statistics.iterations;
+        if (!kept) pliant_contact_goes_on_from_here(data);
+        else if ((status = pliant_substeps_back(model, data)) < 0) break;
         status = solve(model, data);
         data->statistics.iterations += iterations;
         data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
-            status = first;
+            const pliant_status there = kept ? pliant_substeps_forward(model, data) : PLIANT_OK;
+            status = there < 0 ? there : first;
             break;
         }
         const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;

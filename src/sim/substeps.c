@@ -10,12 +10,18 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST = 16, MOST_LIVE = 4 /* where no step is to take much longer than others */ };
+enum { MOST = 16 };
+
+/* Where nodes are. */
+typedef struct placed {
+    int32_t room_nodes, room_solved;
+    double *positions, *solved; /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
+} placed;
 
 /* What a step began with, of the stages from contact to upsample. */
 struct pliant_step_begin {
-    int32_t room_nodes, room_solved;
-    double *positions, *solved;      /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
+    placed part, last;               /* as the step, or the part that it is at, began, and as it was solved last */
+    placed step;                     /* as the step began, and all that follows, of one that may be taken in parts */
     pliant_tool tools[PLIANT_MAX_TOOLS]; /* what they point to is the simulation's */
     double force[PLIANT_MAX_TOOLS][3];   /* of their handles [N] */
     pliant_even even;
@@ -32,18 +38,55 @@ static bool reserve(double **room, int32_t *has, int32_t nodes)
     return true;
 }
 
-/* false: there is no memory for it */
+/* There is room for it. */
+static void copy(const pliant_data *data, const placed *from, placed *to)
+{
+    memcpy(to->positions, from->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *to->positions);
+    memcpy(to->solved, from->solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *to->solved);
+}
+
+static void take(const pliant_model *model, pliant_data *data, placed *out)
+{
+    if (data->backend->download) data->backend->download(model, data);
+    const placed now = {.positions = data->positions, .solved = data->solver->now.x};
+    copy(data, &now, out);
+}
+
+/* Errors: of a backend that cannot go on from there. */
+static pliant_status put(const pliant_model *model, pliant_data *data, const placed *at)
+{
+    pliant_solver *solver = data->solver;
+    const pliant_even even = solver->even;
+    placed now = {.positions = data->positions, .solved = solver->now.x};
+    copy(data, at, &now);
+    pliant_solver_moved(solver);
+    const pliant_status status = pliant_backend_restart(model, data);
+    solver->even = even;
+    return status;
+}
+
+static bool reserve_placed(const pliant_data *data, placed *room)
+{
+    return reserve(&room->positions, &room->room_nodes, data->body->fine.num_nodes) && reserve(&room->solved, &room->room_solved, data->solver->system->mesh->num_nodes);
+}
+
+/* Where nodes are. false: there is no memory for it */
 static bool keep(const pliant_model *model, pliant_data *data)
 {
-    const pliant_solver *solver = data->solver;
-    const int32_t nodes = data->body->fine.num_nodes, solved = solver->system->mesh->num_nodes;
     if (!data->step_begin && !(data->step_begin = pliant_calloc(1, sizeof *data->step_begin))) return false;
     struct pliant_step_begin *begin = data->step_begin;
-    if (!reserve(&begin->positions, &begin->room_nodes, nodes) || !reserve(&begin->solved, &begin->room_solved, solved)) return false;
-    if (pliant_contact_copy(data, &begin->contact) != PLIANT_OK) return false;
-    if (data->backend->download) data->backend->download(model, data);
-    memcpy(begin->positions, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
-    memcpy(begin->solved, solver->now.x, 3 * (size_t)solved * sizeof *solver->now.x);
+    if (!reserve_placed(data, &begin->part) || !reserve_placed(data, &begin->last)) return false;
+    take(model, data, &begin->part);
+    return true;
+}
+
+/* All else, too. false: there is no memory for it */
+static bool keep_all(pliant_data *data)
+{
+    const pliant_solver *solver = data->solver;
+    struct pliant_step_begin *begin = data->step_begin;
+    if (!reserve_placed(data, &begin->step) || pliant_contact_copy(data, &begin->contact) != PLIANT_OK) return false;
+    copy(data, &begin->part, &begin->step);
     memcpy(begin->tools, data->tools, sizeof begin->tools);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(begin->force[t], solver->handles[t].force, sizeof begin->force[t]);
     begin->even = solver->even;
@@ -55,13 +98,10 @@ static pliant_status go_back(const pliant_model *model, pliant_data *data)
 {
     struct pliant_step_begin *begin = data->step_begin;
     pliant_solver *solver = data->solver;
-    memcpy(data->positions, begin->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
-    memcpy(solver->now.x, begin->solved, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->now.x);
     memcpy(data->tools, begin->tools, sizeof begin->tools);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, begin->force[t], sizeof begin->force[t]);
-    pliant_solver_moved(solver);
     solver->even = begin->even;
-    const pliant_status status = pliant_contact_copy(&begin->contact, data), restarted = pliant_backend_restart(model, data);
+    const pliant_status status = pliant_contact_copy(&begin->contact, data), restarted = put(model, data, &begin->step);
     return status < 0 ? status : restarted;
 }
 
@@ -89,13 +129,15 @@ static void go(const pliant_model *model, pliant_data *data, const pliant_subste
 
 void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_substeps *parts)
 {
-    const bool live = data->background.kind != PLIANT_BACKGROUND_PLANNED;
     *parts = (pliant_substeps){.count = 1, .at = 1, .most = 1, .left = 1};
     data->parts = 1;
     if (!data->solver) return;
     data->solver->spent = data->solver->reserved = 0;
-    if (data->falling || pliant_patch_serves(data) > 0 || !pliant_contact_goes_far(model, data) || !keep(model, data)) return;
-    parts->most = live ? MOST_LIVE : MOST;
+    const bool far = pliant_contact_goes_far(model, data);
+    if (data->falling || pliant_patch_serves(data) > 0 || !(far || pliant_contact_presses(data)) || !keep(model, data)) return;
+    parts->kept = true;
+    if (!far || !keep_all(data)) return;
+    parts->most = MOST;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], data->solver->handles[t].target, sizeof parts->target[t]);
 }
 
@@ -104,6 +146,7 @@ bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_s
     if (parts->at == parts->count) return false;
     pliant_contact_end(data);
     parts->at++;
+    take(model, data, &data->step_begin->part);
     go(model, data, parts);
     return true;
 }
@@ -119,11 +162,20 @@ pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data
     parts->count = 2 * parts->count;
     const pliant_status status = go_back(model, data);
     if (status < 0) return status;
+    copy(data, &data->step_begin->step, &data->step_begin->part);
     parts->at = 1;
     parts->left = solver->budget > 0 ? fmax(1 - solver->spent / solver->budget, 0) : 1;
     go(model, data, parts);
     return PLIANT_OK;
 }
+
+pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data)
+{
+    take(model, data, &data->step_begin->last);
+    return put(model, data, &data->step_begin->part);
+}
+
+pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data) { return put(model, data, &data->step_begin->last); }
 
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts)
 {
@@ -146,7 +198,7 @@ bool pliant_substeps_turned(const pliant_data *data)
     bool turned = false;
     for (int32_t t = 0; t < mesh->num_tets && !turned; t++) {
         const int32_t *node = mesh->tets + 4 * (size_t)t;
-        turned = volume_of(data->positions, node) <= 0 && volume_of(data->step_begin->positions, node) > 0;
+        turned = volume_of(data->positions, node) <= 0 && volume_of(data->step_begin->step.positions, node) > 0;
     }
     return turned;
 }
@@ -154,8 +206,11 @@ bool pliant_substeps_turned(const pliant_data *data)
 void pliant_substeps_free(pliant_data *data)
 {
     if (!data->step_begin) return;
+    placed *const all[] = {&data->step_begin->part, &data->step_begin->last, &data->step_begin->step};
     pliant_contact_free(&data->step_begin->contact);
-    pliant_free(data->step_begin->positions);
-    pliant_free(data->step_begin->solved);
+    for (int n = 0; n < 3; n++) {
+        pliant_free(all[n]->positions);
+        pliant_free(all[n]->solved);
+    }
     pliant_free(data->step_begin);
 }

@@ -10,12 +10,13 @@ extern "C" {
 
 typedef struct pliant_substeps {
     int32_t count, at;     /* 0: it has not begun; 1: the step is whole; which of them it is at, from 1 */
-    int32_t most;          /* that it may be taken in; 1: as it began is not kept */
+    int32_t most;          /* that it may be taken in */
+    bool kept;             /* where nodes were as it began */
     double left;           /* share of the budget as the parts begin */
     double target[PLIANT_MAX_TOOLS][3]; /* of tools that hold by springs, as the step ends [m] */
 } pliant_substeps;
 
-/* Before the contact stage, as a whole. Where tools go far, what the step begins with is kept. */
+/* Before the contact stage, as a whole. Where something presses, or tools go far, it is kept where nodes are; in the latter case all that the step begins with. */
 void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
 /* A part is done: the next one begins. false: that was the last */
 bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
@@ -23,6 +24,10 @@ bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_s
 bool pliant_substeps_can_be_more(const pliant_data *data, const pliant_substeps *parts);
 /* Back to what the step began with, which is taken in twice as many parts, the first of which begins. Errors: MEMORY, of a backend that cannot go on from there. */
 pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
+/* Nodes to where the step began, or the part that it is at, with the points that there are now; and to where they were before that, if it comes to nothing.
+ * Where that is kept. Errors: of a backend that cannot go on from there. */
+pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data);
+pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data);
 /* The step has failed: as it began, and tools are where they were set. */
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts);
 /* Whether elements are inside out that were not as the step began, which is kept. */
