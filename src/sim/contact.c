@@ -401,16 +401,16 @@ static int32_t take_in(pliant_data *data, pliant_contacts *found)
     return taken;
 }
 
-/* by more than a part holds what is before it (find.c) */
-static bool any_spins(const pliant_data *data)
+static const double spins = 1; /* [rad] in a step: further, a part does not hold what is before it (find.c) */
+
+double pliant_contact_turn(const pliant_data *data)
 {
-    const double fast = 1; /* [rad] in a step */
-    bool spins = false;
+    double most = 0;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
-        spins = spins || (tool->present && tool->last.known && pliant_rotation_angle(tool->last.rotation, tool->rotation) > fast);
+        if (tool->present && tool->last.known) most = fmax(most, pliant_rotation_angle(tool->last.rotation, tool->rotation) / spins);
     }
-    return spins;
+    return most;
 }
 
 /* INFINITY: of half-spaces alone, or of none */
@@ -424,7 +424,7 @@ static double thinnest_of(const pliant_contact_search *search)
 bool pliant_contact_may_pass(const pliant_data *data)
 {
     if (!data->contact_search || !data->solver || !(thinnest_of(data->contact_search) < INFINITY)) return false;
-    return !any_spins(data) && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
+    return pliant_contact_turn(data) <= 1 && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
 }
 
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data)

@@ -19,6 +19,8 @@ bool pliant_contact_may_pass(const pliant_data *data);
 /* A quasi-static step is solved, and its positions are the host's: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points now, with which it is solved
  * again. Without memory for it: false. */
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data);
+/* The most that a tool turns in the step, of what can be followed. */
+double pliant_contact_turn(const pliant_data *data);
 /* Whether anything pressed as the last step ended. */
 bool pliant_contact_presses(const pliant_data *data);
 /* It is solved again from where it has ended: what begins to touch sticks where it is now. */

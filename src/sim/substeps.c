@@ -139,6 +139,8 @@ void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_
     if (!far || !keep_all(data)) return;
     parts->most = MOST;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], data->solver->handles[t].target, sizeof parts->target[t]);
+    while (parts->count < parts->most && pliant_contact_turn(data) > parts->count) parts->count *= 2;
+    if (parts->count > 1) go(model, data, parts);
 }
 
 bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_substeps *parts)

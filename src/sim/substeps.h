@@ -16,7 +16,7 @@ typedef struct pliant_substeps {
     double target[PLIANT_MAX_TOOLS][3]; /* of tools that hold by springs, as the step ends [m] */
 } pliant_substeps;
 
-/* Before the contact stage, as a whole. Where something presses, or tools go far, it is kept where nodes are; in the latter case all that the step begins with. */
+/* Before the contact stage, as a whole, or in as many parts as tools turn far for. Where something presses, or tools go far, it is kept where nodes are; in the latter case all that the step begins with. */
 void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
 /* A part is done: the next one begins. false: that was the last */
 bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_substeps *parts);

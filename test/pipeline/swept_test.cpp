@@ -193,6 +193,26 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
     }
 }
 
+// A rod that turns about its end, from above the sheet into it, by more than can be followed at once.
+TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
+{
+    for (const double radius : {0.0005, 0.001, 0.003})
+        for (const double angle : {1.6, 2.0, 2.6, 3.0})
+            for (const double end : {1.5, 1.9}) {
+                Sheet sheet(1);
+                const int tool = sheet.add("tool", shape_of({PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0.02, 0, 0}, radius, false}), 0.027, 0.031, 0.01 + radius);
+                for (int step = 0; step < 6; step++) {
+                    const double half = 0.5 * (step == 0 ? end - angle : end), rotation[4] = {0, std::sin(half), 0, std::cos(half)};
+                    sheet.move(tool, 0.027, 0.031, 0.01 + radius, rotation);
+                    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+                }
+                EXPECT_EQ(sheet.middles_inside(tool), 0) << radius << ' ' << angle << ' ' << end;
+                EXPECT_LT(sheet.deepest_of_surface(tool), 0.9 * radius) << radius << ' ' << angle << ' ' << end;
+                EXPECT_GT(sheet.farthest(), 0.008) << radius << ' ' << angle << ' ' << end;
+                EXPECT_EQ(sheet.turned(), 0) << radius << ' ' << angle << ' ' << end;
+            }
+}
+
 // Wherever memory runs out in it, a step in parts leaves the state before it, or is done; and the next one goes on.
 TEST(Swept, AStepInPartsThatFailsIsUndone)
 {
