@@ -193,6 +193,19 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
     }
 }
 
+// Those that went through, live or not, while steps were solved again from where they had gone astray, and normals of triangles counted on their borders.
+TEST(Swept, ThoseThatOnceWentThroughDoNot)
+{
+    Sweeps sweeps;
+    for (const int n : {207, 378, 450, 529, 2230, 4922, 7070, 7249, 7264, 9216}) {
+        const Way on = sweeps.at(n);
+        for (const bool live : {false, true}) {
+            const Swept swept = sweep(on, {0, live});
+            EXPECT_FALSE(is_through(swept, on)) << n << ": carried " << swept.carried << ", " << swept.inside << " points inside, " << swept.deepest << " deep";
+        }
+    }
+}
+
 // A rod that turns about its end, from above the sheet into it, by more than can be followed at once.
 TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
 {
