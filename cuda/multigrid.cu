@@ -132,7 +132,7 @@ static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *syst
 extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out)
 {
     pliant_hierarchy *hierarchy = nullptr;
-    CUDA_TRY(pliant_hierarchy_create(system, largest, &hierarchy));
+    CUDA_TRY(pliant_hierarchy_create(system, false, largest, &hierarchy));
     *out = nullptr;
     if (!hierarchy) return PLIANT_OK;
     gpu_multigrid *multigrid = nullptr;

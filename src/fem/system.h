@@ -141,6 +141,7 @@ struct pliant_system {
 
     pliant_upsample *upsample; /* Nullable */
     pliant_graded *graded;    /* Nullable: mesh is its own */
+    bool divided;             /* cuts have gone into the body that it is of, and left every node at a place of the lattice */
     pliant_basis *basis;      /* Nullable: of a patch (basis.h): what lies beyond its elements pulls, too */
     double *gravity_mass;     /* (num_free x 9) M_j of [H] 10 [kg] */
     double *fine_mass;        /* Nullable: (fine nodes) by the shape functions of hexahedra [kg] */

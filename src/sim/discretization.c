@@ -242,6 +242,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     const pliant_scene *scene = work->scene;
     pliant_system *system = work->made->system;
     if (work->made->tled) return PLIANT_OK; /* no matrix */
+    system->divided = scene->cut.kind != PLIANT_CUT_SUBDIVIDE && pliant_body_is_cut(work->made->body);
     const pliant_kept *kept = work->kept;
     pliant_status status = pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
                                                      kept ? kept->before->system : NULL, kept_of_solved(work));

@@ -216,7 +216,7 @@ static pliant_status next_of_fragments(const pliant_system *finest, int32_t fact
     return status == PLIANT_OK ? pliant_nested_elements(&level->system, cells, level, next) : status;
 }
 
-pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t largest_direct, pliant_hierarchy **out)
+pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct, pliant_hierarchy **out)
 {
     pliant_hierarchy *hierarchy = pliant_calloc(1, sizeof *hierarchy);
     if (!hierarchy) return pliant_fail_memory("the coarser meshes");
@@ -224,6 +224,7 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
     int32_t factor;
     hierarchy->holders = hierarchy->num_levels = 1;
     hierarchy->level[0].system = *system;
+    fragments = fragments && (system->graded || system->divided);
     while (status == PLIANT_OK && hierarchy->num_levels < PLIANT_MAX_LEVELS) {
         pliant_grid_level *level = hierarchy->level + hierarchy->num_levels - 1, *next = level + 1;
         const pliant_system *fine = &level->system;
@@ -231,10 +232,10 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t large
         factor = factor_of(fine->mesh->cells);
         if (!factor && !fine->graded) break;
         hierarchy->num_levels++;
-        level->corners = system->macros ? 8 : 4;
+        level->corners = system->macros || fragments ? 8 : 4;
         next->system.mesh = next->system.fine = &next->mesh;
         next->system.num_threads = system->num_threads;
-        status = system->graded ? next_of_fragments(system, factor, level, next) : next_of_lattice(fine, factor, level, next);
+        status = fragments ? next_of_fragments(system, factor, level, next) : next_of_lattice(fine, factor, level, next);
         if (status == PLIANT_OK) status = transfer(fine, level, next);
         if (status == PLIANT_OK) status = transpose(level, fine->num_free, next->system.num_free);
         if (status == PLIANT_OK) status = full_rows(fine, level);

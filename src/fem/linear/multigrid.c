@@ -133,23 +133,32 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, co
     }
 }
 
+/* blocks of the column of one corner, counted from its element's first one */
+static void element_column(const pliant_system *system, const pliant_tangent *tangents, const double *whole, int32_t corner, int v, double *blocks)
+{
+    if (system->macros) pliant_macro_column(system, tangents, corner, blocks);
+    else
+        for (int u = 0; u < 4; u++)
+            for (int m = 0; m < 9; m++) blocks[9 * u + m] = whole[12 * (3 * u + m / 3) + 3 * v + m % 3];
+}
+
 /* the same of a coarse hexahedron: first P' K of one corner, then what that corner gives to the coarse ones */
 static void galerkin_cube(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t cube, double out[576])
 {
     const pliant_system *system = &fine->system;
-    const pliant_macros *macros = system->macros;
     memset(out, 0, 576 * sizeof *out);
     for (int32_t c = grid->child_start[cube]; c < grid->child_start[cube + 1]; c++) {
-        int32_t child = grid->child[c], begin = macros->start[child], count = macros->start[child + 1] - begin;
-        double share[MOST_CORNERS][8], k[MOST_CORNERS * 9], half[8 * 9];
+        const int32_t child = grid->child[c], begin = pliant_element_begin(system, child), count = pliant_element_begin(system, child + 1) - begin;
+        const int32_t *node = pliant_element_nodes(system) + begin;
+        double share[MOST_CORNERS][8], k[MOST_CORNERS * 9], half[8 * 9], whole[144];
         for (int v = 0; v < count; v++) {
             memset(share[v], 0, sizeof share[v]);
-            if (system->free_of_node[macros->node[begin + v]] >= 0)
-                pliant_level_weights(system, &grid[1].system, macros->node[begin + v], cube, share[v]);
+            if (system->free_of_node[node[v]] >= 0) pliant_level_weights(system, &grid[1].system, node[v], cube, share[v]);
         }
+        if (!system->macros) pliant_system_element(system, tangents, child, whole);
         for (int v = 0; v < count; v++) {
-            if (system->free_of_node[macros->node[begin + v]] < 0) continue;
-            pliant_macro_column(system, tangents, begin + v, k);
+            if (system->free_of_node[node[v]] < 0) continue;
+            element_column(system, tangents, whole, begin + v, v, k);
             memset(half, 0, sizeof half);
             for (int u = 0; u < count; u++)
                 for (int b = 0; b < 8; b++)

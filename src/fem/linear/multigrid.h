@@ -15,13 +15,14 @@ extern "C" {
 typedef struct pliant_hierarchy pliant_hierarchy;
 typedef struct pliant_multigrid pliant_multigrid;
 
-/* largest_direct: free nodes that the coarsest level may have, if the lattice can be halved (or thirded ...) that far.
+/* fragments: where cuts have gone, every level has what they have parted apart (nested.c); else all levels but the first are as before them.
+ * largest_direct: free nodes that the coarsest level may have, if the lattice can be halved (or thirded ...) that far.
  * *out is NULL when it cannot be coarsened at all. Errors: MEMORY. */
-pliant_status pliant_hierarchy_create(const pliant_system *system, int32_t largest_direct, pliant_hierarchy **out);
+pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct, pliant_hierarchy **out);
 pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy); /* one more holder, from any thread */
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy); /* one less; Nullable */
 int pliant_hierarchy_levels(const pliant_hierarchy *hierarchy);
-/* Unknowns of a graded system that lie where another one does: opened (num_free). Errors: MEMORY. */
+/* Unknowns that lie where another one does: opened (num_free). Errors: MEMORY. */
 pliant_status pliant_hierarchy_opened(const pliant_hierarchy *hierarchy, uint8_t *opened);
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy); /* of a refresh, roughly */
 

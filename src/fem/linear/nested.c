@@ -50,22 +50,22 @@ pliant_status pliant_nested_places(pliant_grid_level *level)
 /* parent: in: (elements) the cell of each in the next lattice; out: its component there, or -1 where nothing of it moves */
 static int32_t find_components(const pliant_system *fine, int32_t *parent, int32_t *component)
 {
-    const pliant_macros *macros = fine->macros;
+    const int32_t elements = pliant_level_elements(fine), *nodes = pliant_element_nodes(fine);
     int32_t count = 0;
-    for (int32_t e = 0; e < macros->count; e++) component[e] = e;
+    for (int32_t e = 0; e < elements; e++) component[e] = e;
     for (int32_t f = 0; f < fine->num_free; f++)
         for (int32_t c = fine->corner_start[f]; c < fine->corner_end[f]; c++) {
-            const int32_t e = macros->cube_of_corner[fine->corner[c]];
+            const int32_t e = pliant_element_of_corner(fine, fine->corner[c]);
             for (int32_t d = fine->corner_start[f]; d < c; d++) {
-                const int32_t other = macros->cube_of_corner[fine->corner[d]];
+                const int32_t other = pliant_element_of_corner(fine, fine->corner[d]);
                 if (parent[other] != parent[e]) continue;
                 unite(component, e, other);
                 break;
             }
         }
-    for (int32_t e = 0; e < macros->count; e++) {
+    for (int32_t e = 0; e < elements; e++) {
         bool moves = false;
-        for (int32_t c = macros->start[e]; c < macros->start[e + 1]; c++) moves = moves || fine->free_of_node[macros->node[c]] >= 0;
+        for (int32_t c = pliant_element_begin(fine, e); c < pliant_element_begin(fine, e + 1); c++) moves = moves || fine->free_of_node[nodes[c]] >= 0;
         const int32_t root = root_of(component, e);
         if (!moves) parent[e] = -1;
         else parent[e] = root == e ? count++ : parent[root];
@@ -109,7 +109,7 @@ static void share_corners(const pliant_system *fine, const pliant_grid_level *le
     for (int32_t f = 0; f < fine->num_free; f++) {
         int32_t first = -1;
         for (int32_t c = fine->corner_start[f]; c < fine->corner_end[f]; c++) {
-            const int32_t element = level->parent[fine->macros->cube_of_corner[fine->corner[c]]];
+            const int32_t element = level->parent[pliant_element_of_corner(fine, fine->corner[c])];
             double weights[CORNERS];
             if (element == first || !pliant_level_weights(fine, &next->system, fine->node_of_free[f], element, weights)) continue;
             if (first < 0) first = element;
@@ -134,25 +134,31 @@ static pliant_status number_nodes(int32_t *same, pliant_grid_level *next)
     return PLIANT_OK;
 }
 
+/* elements beside a cut through coarse ones have the cells of the coarse lattice */
+static int32_t next_cell_of(const pliant_system *fine, const pliant_mesh *next, int32_t element)
+{
+    const int32_t cell = fine->macros ? fine->macros->cell[element] : fine->mesh->lattice_of_tet[element] / 5;
+    return fine->graded ? cell : pliant_coarse_cell(fine->mesh, next, cell);
+}
+
 pliant_status pliant_nested_elements(const pliant_system *fine, const int32_t cells[3], pliant_grid_level *level, pliant_grid_level *next)
 {
-    const pliant_macros *from = fine->macros;
-    const size_t elements = (size_t)from->count;
+    const int32_t from = pliant_level_elements(fine);
+    const size_t elements = (size_t)from;
     int32_t *component = pliant_calloc(elements, sizeof *component), *cell = pliant_calloc(elements, sizeof *cell), *same = NULL;
     pliant_status status = component && cell ? PLIANT_OK : no_memory();
     if (!(level->parent = pliant_calloc(elements, sizeof *level->parent))) status = no_memory();
     memcpy(next->mesh.cells, cells, sizeof next->mesh.cells);
     if (status == PLIANT_OK) {
-        /* the elements beside a cut have the cells of the coarse lattice */
-        for (int32_t e = 0; e < from->count; e++) cell[e] = level->parent[e] = fine->graded ? from->cell[e] : pliant_coarse_cell(fine->mesh, &next->mesh, from->cell[e]);
+        for (int32_t e = 0; e < from; e++) cell[e] = level->parent[e] = next_cell_of(fine, &next->mesh, e);
         status = allocate((size_t)find_components(fine, level->parent, component), elements, level, next);
     }
     if (status == PLIANT_OK) {
         pliant_macros *macros = next->system.macros;
-        for (int32_t e = 0; e < from->count; e++)
+        for (int32_t e = 0; e < from; e++)
             if (level->parent[e] >= 0) macros->cell[level->parent[e]] = cell[e];
         for (int32_t e = 0; e < macros->count; e++) macros->start[e + 1] = CORNERS * (e + 1);
-        list_children(from->count, level, macros->count);
+        list_children(from, level, macros->count);
         if (!(same = pliant_calloc(CORNERS * (size_t)macros->count, sizeof *same))) status = no_memory();
         for (int32_t c = 0; same && c < CORNERS * macros->count; c++) same[c] = c;
     }

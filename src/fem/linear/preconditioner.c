@@ -10,8 +10,8 @@
 /* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget, bench_elements); a factor of
  * hexahedra has twice the numbers (NUMERICS 5). */
 enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 4000, COARSEST = 1000 };
-/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS 10). */
-enum { COARSEST_OF_FRAGMENTS = 8000 };
+/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS 10); and how many times fewer unknowns a factor near cuts has. */
+enum { COARSEST_OF_FRAGMENTS = 8000, FEWER_NEAR = 4 };
 
 struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
@@ -33,28 +33,49 @@ static pliant_status create_direct(pliant_preconditioner *preconditioner, const 
     return preconditioner->values ? pliant_factor_analyze_in(pattern, order, &preconditioner->factor) : pliant_fail_memory("the stiffness matrix");
 }
 
-/* Fragments as thin as a node are not smoothed, and a cube of the next level has no tip of a cut in it: as far as that is wide the inverse of the stiffness is part of
- * the V-cycle, as it is of what is carried over (carried.h). */
+static bool has_fragments(const pliant_system *system) { return system->graded || system->divided; }
+
+/* How many rings of elements around what is opened: beside coarse elements, which have a factor otherwise, as far as a coarse cube is wide; on the fine mesh one, unless even
+ * that is more than a part of all unknowns, whose factor takes longer than the V-cycle. 0: none */
+static pliant_status find_rings(const pliant_system *system, const uint8_t *opened, int32_t *rings)
+{
+    *rings = 1;
+    for (int d = 0; d < 3; d++) *rings = system->fine->cells[d] / system->mesh->cells[d] > *rings ? system->fine->cells[d] / system->mesh->cells[d] : *rings;
+    if (system->graded) return PLIANT_OK;
+    uint8_t *inner = pliant_calloc((size_t)system->num_free, 1);
+    int32_t *list = pliant_calloc((size_t)system->num_free, sizeof *list);
+    if (inner && list) {
+        memcpy(inner, opened, (size_t)system->num_free);
+        *rings = pliant_subdomain_inner(system, 1, inner, list) <= system->num_free / FEWER_NEAR;
+    }
+    pliant_status status = inner && list ? PLIANT_OK : pliant_fail_memory("the preconditioner");
+    pliant_free(inner);
+    pliant_free(list);
+    return status;
+}
+
+/* Fragments as thin as a node are not smoothed, and a cube of the next level has no tip of a cut in it: there the inverse of the stiffness is part of the V-cycle, as it
+ * is of what is carried over (carried.h). */
 static pliant_status create_near(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;
-    if (!system->graded) return PLIANT_OK;
-    int32_t rings = 1;
-    for (int d = 0; d < 3; d++) rings = system->fine->cells[d] / system->mesh->cells[d] > rings ? system->fine->cells[d] / system->mesh->cells[d] : rings;
+    if (!has_fragments(system)) return PLIANT_OK;
+    int32_t rings = 0;
     uint8_t *opened = pliant_calloc((size_t)system->num_free, 1);
     pliant_status status = opened ? pliant_hierarchy_opened(preconditioner->hierarchy, opened) : pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, rings, NULL, NULL, &preconditioner->near);
+    if (status == PLIANT_OK) status = find_rings(system, opened, &rings);
+    if (status == PLIANT_OK && rings > 0) status = pliant_subdomain_create(system, opened, rings, NULL, NULL, &preconditioner->near);
+    pliant_free(opened);
+    if (!preconditioner->near) return status;
     preconditioner->rest = pliant_calloc((size_t)system->num_free, 3 * sizeof *preconditioner->rest);
     preconditioner->left = pliant_calloc((size_t)system->num_free, 3 * sizeof *preconditioner->left);
-    if (!preconditioner->rest || !preconditioner->left) status = pliant_fail_memory("the preconditioner");
-    pliant_free(opened);
-    return status;
+    return preconditioner->rest && preconditioner->left ? status : pliant_fail_memory("the preconditioner");
 }
 
 static pliant_status create_layered(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;
-    pliant_status status = pliant_hierarchy_create(system, system->graded ? COARSEST_OF_FRAGMENTS : COARSEST, &preconditioner->hierarchy);
+    pliant_status status = pliant_hierarchy_create(system, true, has_fragments(system) ? COARSEST_OF_FRAGMENTS : COARSEST, &preconditioner->hierarchy);
     if (status != PLIANT_OK) return status;
     if (!preconditioner->hierarchy) {
         pliant_log(PLIANT_LOG_INFO, "this lattice cannot be coarsened for multigrid; it is factored");
