@@ -10,10 +10,11 @@
 
 namespace {
 
-// Of steps: until they are solved, within a budget, or live.
+// Of steps: until they are solved, within a budget, or live; of which elements.
 struct Mode {
     double budget_ms = 0;
     bool live = false;
+    pliant_element_kind element = PLIANT_LINEAR;
 };
 
 // A tool and its way into the sheet.
@@ -21,10 +22,12 @@ struct Way {
     pliant_part part;
     double from[3], way[3], rotation[4], friction;
     double beyond; // the sheet's middle [m]
-    int steps() const { return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / 0.02)); }
+    double speed = 1; // [m/s]
+    double stride() const { return 0.02 * speed; }
+    int steps() const { return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / stride())); }
 };
 
-// What comes of it at 1 m/s, 20 mm a step, and four steps of rest.
+// What comes of it, at 1 m/s 20 mm a step, and four steps of rest.
 struct Swept {
     double deepest, carried; // of points of the surface in the tool; the farthest that a node has gone
     int inside;              // points of the tool's middle that lie in a tetrahedron
@@ -49,7 +52,7 @@ pliant_tool_shape shape_of(const pliant_part &part)
 // On the way of a step, by quarters of the tool's depth: a side of 4 mm that is held lies between the poses of two steps otherwise.
 bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step)
 {
-    const int poses = static_cast<int>(std::ceil(0.02 / (0.25 * pliant_part_depth(&on.part))));
+    const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
     for (int n = 0; n <= poses; n++) {
         double tip[3];
         for (int d = 0; d < 3; d++) tip[d] = on.from[d] + std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
@@ -60,7 +63,7 @@ bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step
 
 Swept sweep(const Way &on, Mode mode = {})
 {
-    Sheet sheet(1, on.friction, mode.budget_ms);
+    Sheet sheet(1, on.friction, mode.budget_ms, mode.element);
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
     bool meets_held = false;
     if (mode.live) EXPECT_EQ(pliant_data_set_background(sheet.data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
@@ -149,17 +152,19 @@ bool is_through(const Swept &swept, const Way &on)
 }
 
 // Whatever it is, wherever it goes. PLIANT_SWEEPS: up to this number, in place of 14; PLIANT_SWEEPS_FIRST: from this one on, so that several processes share them (0 and 625, 625 and
-// 1250, ...: a line for what is left in tissue as soon as it is known, a line in the end); PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms; PLIANT_SWEEPS_LIVE: steps are live.
+// 1250, ...: a line for what is left in tissue as soon as it is known, a line in the end); PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms; PLIANT_SWEEPS_LIVE: steps are live;
+// PLIANT_SWEEPS_SPEED: so many m/s, up to 2; PLIANT_SWEEPS_HEXAHEDRA: of hexahedra, not of tetrahedra.
 TEST(Swept, NothingIsSweptThroughTheSheet)
 {
     const int count = number_from("PLIANT_SWEEPS", 14), first = number_from("PLIANT_SWEEPS_FIRST", 0);
-    const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)), number_from("PLIANT_SWEEPS_LIVE", 0) != 0};
+    const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)), number_from("PLIANT_SWEEPS_LIVE", 0) != 0, number_from("PLIANT_SWEEPS_HEXAHEDRA", 0) ? PLIANT_HEXAHEDRA : PLIANT_LINEAR};
     Sweeps sweeps;
     int through = 0, turned = 0, held = 0;
     double deepest = 0;
     for (int n = 0; n < count; n++) {
-        const Way on = sweeps.next();
+        Way on = sweeps.next();
         if (n < first) continue;
+        on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
         const Swept swept = sweep(on, mode);
         const bool passes = is_through(swept, on);
         if (passes || swept.deepest > 2e-4 || swept.turned > 0)
@@ -176,6 +181,20 @@ TEST(Swept, NothingIsSweptThroughTheSheet)
                 1e3 * deepest);
     std::fflush(stdout);
     EXPECT_EQ(through, 0);
+}
+
+// The first of them at 2 m/s, as fast as tools are followed, and through a sheet of hexahedra.
+TEST(Swept, NothingIsSweptThroughAtTwoMetresASecondNorThroughHexahedra)
+{
+    Sweeps sweeps;
+    for (int n = 0; n < 28; n++) {
+        Way on = sweeps.next();
+        const Swept hexahedra = sweep(on, {0, false, PLIANT_HEXAHEDRA});
+        on.speed = 2;
+        const Swept fast = sweep(on);
+        EXPECT_FALSE(is_through(fast, on)) << n << ": carried " << fast.carried << ", " << fast.inside << " points inside, " << fast.deepest << " deep";
+        EXPECT_FALSE(is_through(hexahedra, on)) << n << ": carried " << hexahedra.carried << ", " << hexahedra.inside << " points inside, " << hexahedra.deepest << " deep";
+    }
 }
 
 // Those that went through, or left the sheet inside out, while steps were not taken in parts.
