@@ -215,12 +215,14 @@ PLIANT_API bool pliant_body_same(const pliant_body *a, const pliant_body *b);
 typedef struct pliant_body_map {
     int32_t *node, *tet;               /**< (of the body `to`) */
     int32_t num_nodes;                 /**< of the body `to` */
+    int32_t num_same;                  /**< of these, from the first one on, that are the other body's node of their own number */
     pliant_between *between;           /**< (num_nodes) of nodes that lie between others of the body `to`; end[0] < 0: it is as `node` says; NULL: all are */
 } pliant_body_map;
 /** Errors: MEMORY, ARGUMENT (bodies of different loads). */
 PLIANT_API pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body *to, pliant_body_map *out);
 PLIANT_API void pliant_body_map_free(pliant_body_map *map);
-/** Vectors at the fine nodes of the body `to`, from those of the other. @param from, out (nodes x 3) of each */
+/** Vectors at the fine nodes of the body `to`, from those of the other. @param from, out (nodes x 3) of each; where num_same are all that there were they
+ *  may be the same array */
 PLIANT_API void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out);
 
 /** Room for what cuts leave in a body at load that they subdivide. @param snap part of the shortest edge that no cut goes below.

@@ -83,6 +83,8 @@ pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *dat
 /* The host's state is of another body than before's, whose arrays are still there: the backend follows, makes its own anew, or the CPU
  * goes on. */
 void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);
+/* Whether a GPU solves for the fine nodes themselves, none of which has been moved since: its state is where they are. */
+bool pliant_positions_are_state(const pliant_data *data);
 /* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
 bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status);
 

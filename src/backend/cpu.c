@@ -57,10 +57,16 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
     return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &data->patch) : status;
 }
 
+bool pliant_positions_are_state(const pliant_data *data)
+{
+    return data->solver && !data->backend->on_host && !data->falling && data->solver->system->mesh == data->solver->system->fine;
+}
+
 static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
 {
     const pliant_discretization *discretization = next->discretization;
-    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map, !data->backend->on_host, &next->solver);
+    const double *state = pliant_positions_are_state(data) ? next->positions : NULL;
+    pliant_status status = pliant_solver_follow(&model->scene, discretization->system, data->solver, map, !data->backend->on_host, state, &next->solver);
     return status == PLIANT_OK && discretization->fine_system ? pliant_patch_create(&model->scene, discretization, &next->patch) : status;
 }
 

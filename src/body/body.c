@@ -117,7 +117,8 @@ static bool copy_fine(const pliant_body *body, copying how, pliant_body *next)
     const size_t nodes = (size_t)body->fine.num_nodes, tets = (size_t)body->fine.num_tets;
     return copy_mesh(&body->fine, how, &next->fine) && how(body->node_parent, nodes, sizeof *body->node_parent, &next->node_parent) &&
            how(body->tet_parent, tets, sizeof *body->tet_parent, &next->tet_parent) &&
-           how(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material);
+           how(body->fine_material, tets, sizeof *body->fine_material, &next->fine_material) &&
+           how(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass);
 }
 
 pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool with_cuts, pliant_body **out)
@@ -139,7 +140,6 @@ pliant_status pliant_body_begin(const pliant_body *body, uint64_t revision, bool
                 copy(body->coarse_of_fine, tets, sizeof *body->coarse_of_fine, &next->coarse_of_fine) &&
                 copy(body->fine_of_coarse, coarse_nodes, sizeof *body->fine_of_coarse, &next->fine_of_coarse) &&
                 copy(body->coarse_material, coarse_tets, sizeof *body->coarse_material, &next->coarse_material) &&
-                copy(body->node_mass, nodes, sizeof *body->node_mass, &next->node_mass) &&
                 copy(body->fine_fixed, nodes, sizeof *body->fine_fixed, &next->fine_fixed) &&
                 copy(body->coarse_fixed, coarse_nodes, sizeof *body->coarse_fixed, &next->coarse_fixed);
     status = good ? PLIANT_OK : pliant_fail_memory("the next body");

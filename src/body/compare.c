@@ -42,10 +42,11 @@ static bool same_cuts(const pliant_voxels *voxels, const pliant_cuts *a, const p
 bool pliant_body_same(const pliant_body *a, const pliant_body *b)
 {
     if (a == b) return true;
+    if (a->voxels != b->voxels || !same_cuts(a->voxels, a->cuts, b->cuts)) return false; /* first what differs from cut to cut */
     if (!same_mesh(&a->fine, &b->fine) || !same_mesh(&a->coarse, &b->coarse) || a->num_triangles != b->num_triangles) return false;
     size_t nodes = (size_t)a->fine.num_nodes, tets = (size_t)a->fine.num_tets;
     size_t coarse_nodes = (size_t)a->coarse.num_nodes, coarse_tets = (size_t)a->coarse.num_tets;
-    return a->voxels == b->voxels && same_cuts(a->voxels, a->cuts, b->cuts) && equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
+    return equal(a->coarse_of_fine, b->coarse_of_fine, tets, sizeof *a->coarse_of_fine) &&
            equal(a->fine_of_coarse, b->fine_of_coarse, coarse_nodes, sizeof *a->fine_of_coarse) &&
            equal(a->triangles, b->triangles, (size_t)a->num_triangles, 3 * sizeof *a->triangles) &&
            equal(a->fine_material, b->fine_material, tets, sizeof *a->fine_material) &&
@@ -89,7 +90,8 @@ static pliant_status list_between(const pliant_body *from, const pliant_body *to
 
 void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out)
 {
-    for (int32_t n = 0; n < map->num_nodes; n++) {
+    if (map->num_same > 0 && out != from) memcpy(out, from, 3 * (size_t)map->num_same * sizeof *out);
+    for (int32_t n = map->num_same; n < map->num_nodes; n++) {
         const pliant_between *between = map->between && map->between[n].end[0] >= 0 ? map->between + n : NULL;
         for (int d = 0; d < 3; d++) {
             if (!between) {
@@ -112,6 +114,7 @@ pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body 
     if (status == PLIANT_OK)
         status = list_sources(to->fine.num_tets, from->fine.num_tets, from->tet_parent, to->tet_parent, next ? changes->tet_source : NULL, NULL, NULL, next, &map.tet);
     map.num_nodes = to->fine.num_nodes;
+    map.num_same = next ? from->fine.num_nodes : 0;
     if (status == PLIANT_OK && to->subdivision && to->fine.num_nodes > to->subdivision->load_nodes) status = list_between(from, to, &map);
     if (status != PLIANT_OK) {
         pliant_body_map_free(&map);

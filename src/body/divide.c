@@ -188,6 +188,7 @@ static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts
     count = sort_once(*room, count);
     next->node_mass[node] = 0;
     for (int32_t i = 0; i < count; i++) next->node_mass[node] += share_of_mass(next, (*room)[i]);
+    pliant_writes(next->node_mass, (size_t)node, 1, sizeof *next->node_mass);
     return PLIANT_OK;
 }
 
@@ -205,6 +206,7 @@ static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cu
         for (int32_t i = 0; changed && i < count; i++) {
             changed[nodes[i]] = 1;
             next->node_mass[nodes[i]] = 0;
+            pliant_writes(next->node_mass, (size_t)nodes[i], 1, sizeof *next->node_mass);
         }
         for (int32_t v = 0; changed && v < 4 * fine->num_tets; v++)
             if (changed[fine->tets[v]]) next->node_mass[fine->tets[v]] += share_of_mass(next, v / 4);

@@ -187,6 +187,8 @@ void pliant_system_tangents(const pliant_system *system, const double *positions
 pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed);
 /* Likewise, with the lists of before where all tetrahedra around a node are kept. kept: Nullable */
 pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept);
+/* Whether the unknowns of before have the same numbers; those of a system that was numbered after it are not read. */
+bool pliant_numbered_alike(const pliant_system *system, const pliant_system *before);
 /* system->mean_diagonal; turning the elements does not change it. before, kept: Nullable: those of another system that are the same. Errors: MEMORY. */
 pliant_status pliant_system_find_mean_diagonal(pliant_system *system, const pliant_system *before, const uint8_t *kept);
 
@@ -275,6 +277,8 @@ void pliant_trilinear_weights(const pliant_system *system, int32_t cell, const d
 pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *element_of_fine);
 /* that, by the coarse tetrahedra that the elements are made of */
 pliant_status pliant_upsample_cubes(pliant_system *system, const int32_t *coarse_of_fine);
+/* whether the fine mesh is the solved one, node by node */
+bool pliant_solves_fine(const pliant_system *system);
 /* whether weights turn with the tissue, so that they change from step to step */
 bool pliant_upsample_turns(const pliant_system *system);
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);

@@ -45,14 +45,16 @@ static void swap_discretization(const adaptation *work)
 
 static pliant_status prepare_positions(const adaptation *work)
 {
-    const pliant_data *data = work->data;
-    pliant_data *made = work->made;
-    int32_t nodes = made->body->fine.num_nodes;
-    double *positions = made->positions = pliant_calloc((size_t)nodes, 3 * sizeof *positions);
+    pliant_data *data = work->data, *made = work->made;
+    const int32_t nodes = made->body->fine.num_nodes;
+    /* those of a next body are written behind those that there are */
+    const bool stay = work->map.num_same == data->discretization->body->fine.num_nodes && !data->falling;
+    if (stay && !pliant_grow(&data->positions, (size_t)nodes, 3 * sizeof *data->positions)) return pliant_fail_memory("the simulation state");
+    double *positions = made->positions = stay ? data->positions : pliant_calloc((size_t)nodes, 3 * sizeof *positions);
     if (!positions) return pliant_fail_memory("the simulation state");
     pliant_body_map_vectors(&work->map, data->positions, positions);
     pliant_status status = pliant_falling_create(&work->model->scene, made->discretization->body, positions, data->falling, &work->map, &made->falling);
-    for (int32_t n = 0; status == PLIANT_OK && n < nodes; n++) {
+    for (int32_t n = 0; status == PLIANT_OK && data->falling && n < nodes; n++) {
         const double *home = pliant_falling_has(made->falling, n) ? NULL : pliant_falling_home(data->falling, work->map.node[n]);
         if (home) memcpy(positions + 3 * n, home, 3 * sizeof *positions);
     }
@@ -65,8 +67,16 @@ static void swap_positions(const adaptation *work)
     pliant_falling *falling = work->data->falling;
     work->data->positions = work->made->positions;
     work->data->falling = work->made->falling;
-    work->made->positions = positions;
+    work->made->positions = positions != work->data->positions ? positions : NULL;
     work->made->falling = falling;
+}
+
+/* After an error: what was written behind those that there are, which nobody has seen, goes, if only to be as it was. */
+static void leave_positions(const adaptation *work)
+{
+    if (!work->made->positions || work->made->positions != work->data->positions) return;
+    work->made->positions = NULL;
+    pliant_grow(&work->data->positions, (size_t)work->data->body->fine.num_nodes, 3 * sizeof *work->data->positions);
 }
 
 /* ---- the state of the solver, explicit dynamics and patches; patches begin anew */
@@ -74,8 +84,8 @@ static void swap_positions(const adaptation *work)
 static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
-    if (data->backend->download) data->backend->download(work->model, data);
-    const bool fine = data->solver && data->solver->system->mesh == data->solver->system->fine;
+    if (data->backend->download && !pliant_positions_are_state(data)) data->backend->download(work->model, data);
+    const bool fine = data->falling && data->solver && data->solver->system->mesh == data->solver->system->fine;
     for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) { /* what is downloaded has fallen */
         const double *home = pliant_falling_home(data->falling, n);
         if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
@@ -209,6 +219,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
     }
     pliant_body_map_free(&work.map);
     pliant_warp_next_free(warp);
+    leave_positions(&work);
     pliant_data_free(made);
     pliant_held_end(data, before);
     return status;

@@ -189,7 +189,19 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
                                                    : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
 }
 
-/* Of nodes that are solved themselves, m I: that of before where the node and its mass are the same. */
+/* Of a node that is solved itself, m I: that of before where the node and its mass are the same. */
+static void own_mass(pliant_discretization *made, const pliant_discretization *before, int32_t f)
+{
+    pliant_system *system = made->system;
+    const pliant_system *was = before->system;
+    const int32_t n = system->node_of_free[f];
+    const double mass = made->body->node_mass[n];
+    if (f < was->num_free && was->node_of_free[f] == n && before->body->node_mass[n] == mass) return;
+    for (int m = 0; m < 9; m++) system->gravity_mass[9 * (size_t)f + (size_t)m] = m % 4 == 0 ? mass : 0;
+    pliant_writes(system->gravity_mass, 9 * (size_t)f, 9, sizeof *system->gravity_mass);
+}
+
+/* Of all of them. */
 static pliant_status own_masses(pliant_discretization *made, const pliant_discretization *before)
 {
     pliant_system *system = made->system;
@@ -197,13 +209,15 @@ static pliant_status own_masses(pliant_discretization *made, const pliant_discre
     const int32_t both = was->num_free < system->num_free ? was->num_free : system->num_free;
     system->gravity_mass = pliant_next_of(was->gravity_mass, (size_t)both * 9, (size_t)system->num_free * 9, sizeof *system->gravity_mass);
     if (!system->gravity_mass) return pliant_fail_memory("the gravity-mass matrices");
-    for (int32_t f = 0; f < system->num_free; f++) {
-        const int32_t n = system->node_of_free[f];
-        const double mass = made->body->node_mass[n];
-        if (f < both && was->node_of_free[f] == n && before->body->node_mass[n] == mass) continue;
-        for (int m = 0; m < 9; m++) system->gravity_mass[9 * (size_t)f + (size_t)m] = m % 4 == 0 ? mass : 0;
-        pliant_writes(system->gravity_mass, 9 * (size_t)f, 9, sizeof *system->gravity_mass);
+    if (!pliant_numbered_alike(system, was)) {
+        for (int32_t f = 0; f < system->num_free; f++) own_mass(made, before, f);
+        return PLIANT_OK;
     }
+    const size_t nodes = (size_t)was->mesh->num_nodes;
+    for (size_t from = 0, to = 0; pliant_next_difference(made->body->node_mass, before->body->node_mass, nodes * sizeof(double), &from, &to);)
+        for (size_t n = from / sizeof(double); n < to / sizeof(double); n++)
+            if (system->free_of_node[n] >= 0) own_mass(made, before, system->free_of_node[n]);
+    for (int32_t f = both; f < system->num_free; f++) own_mass(made, before, f);
     return PLIANT_OK;
 }
 

@@ -45,7 +45,7 @@ static pliant_status go_on(const pliant_model *model, const pliant_data *data, c
     pliant_body_map map = {0};
     status = pliant_body_map_create(before->body, body, &map);
     if (status == PLIANT_OK) status = pliant_discretization_next(&model->scene, before, body, &map, next);
-    if (status == PLIANT_OK && solver) status = pliant_solver_follow(&model->scene, (*next)->system, data->solver, &map, !data->backend->on_host, solver);
+    if (status == PLIANT_OK && solver) status = pliant_solver_follow(&model->scene, (*next)->system, data->solver, &map, !data->backend->on_host, NULL, solver);
     pliant_body_map_free(&map);
     pliant_body_release(body);
     return status;

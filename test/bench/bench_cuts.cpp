@@ -124,7 +124,7 @@ void cut_by_parts(const pliant_model *model, pliant_data *data, const double poi
     took[DISCRETIZATION].push_back(milliseconds([&] { check(pliant_discretization_next(&model->scene, data->discretization, next, &map, &discretization)); }));
     if (data->solver) {
         pliant_solver *solver = nullptr;
-        took[SOLVER].push_back(milliseconds([&] { check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, &solver)); }));
+        took[SOLVER].push_back(milliseconds([&] { check(pliant_solver_follow(&model->scene, discretization->system, data->solver, &map, rests, nullptr, &solver)); }));
         pliant_solver_free(solver);
     }
     if (data->warp) {

@@ -1,5 +1,7 @@
-// Cut after cut in one simulation: nothing is left over, what does not change is shared, and what is drawn is what a warp made anew draws.
+// Cut after cut in one simulation: nothing is left over, what does not change is shared, what follows is as made anew, and what is drawn is what a warp
+// made anew draws.
 #include "../cuts.h"
+#include "sim/discretization.h"
 
 #include <atomic>
 #include <malloc.h>
@@ -85,6 +87,87 @@ TEST_F(ManyCuts, ShareWhatStays)
     }
     EXPECT_GT(shared, 40 * 100);
     pliant_body_release(last);
+}
+
+template <class T> void expect_same(const T *a, const T *b, size_t count, const char *what)
+{
+    EXPECT_EQ(std::memcmp(a, b, count * sizeof *a), 0) << what;
+}
+
+// lists that are followed by what differs, against those of all nodes and elements
+void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
+{
+    const pliant_discretization *anew = nullptr;
+    ASSERT_EQ(pliant_discretization_create(&scene, data.body, &anew), PLIANT_OK) << pliant_last_error();
+    const pliant_system &is = *data.discretization->system, &other = *anew->system;
+    const size_t nodes = static_cast<size_t>(data.body->fine.num_nodes), unknowns = static_cast<size_t>(other.num_free);
+    ASSERT_EQ(is.num_free, other.num_free);
+    expect_same(is.free_of_node, other.free_of_node, nodes, "unknowns of nodes");
+    expect_same(is.node_of_free, other.node_of_free, unknowns, "nodes of unknowns");
+    expect_same(is.gravity_mass, other.gravity_mass, 9 * unknowns, "masses");
+    expect_same(is.gradients, other.gradients, static_cast<size_t>(other.num_blocks), "gradients");
+    expect_same(is.lame, other.lame, static_cast<size_t>(other.num_blocks), "moduli");
+    EXPECT_EQ(is.mean_diagonal, other.mean_diagonal);
+    for (size_t f = 0; f < unknowns; f++) {
+        const std::vector<int32_t> listed(is.corner + is.corner_start[f], is.corner + is.corner_end[f]);
+        ASSERT_EQ(listed, std::vector<int32_t>(other.corner + other.corner_start[f], other.corner + other.corner_end[f])) << "corners of unknown " << f;
+    }
+    const pliant_solver &solver = *data.solver;
+    for (size_t i = 0; solver.loaded && i < 3 * unknowns; i++) {
+        const double *mass = other.gravity_mass + 3 * i, *gravity = solver.gravity;
+        ASSERT_EQ(solver.load[i], mass[0] * gravity[0] + mass[1] * gravity[1] + mass[2] * gravity[2]) << "load of unknown " << i / 3;
+    }
+    pliant_discretization_release(anew);
+}
+
+// positions of the next body: what there was stays, copies lie where their sources do
+void expect_carried(const pliant_body &was, const std::vector<double> &x, const pliant_data &data)
+{
+    const pliant_body &is = *data.body;
+    if (is.revision == was.revision) return;
+    ASSERT_EQ(is.changes.since, was.revision);
+    for (int32_t n = 0; n < is.fine.num_nodes; n++) {
+        const int32_t source = n < was.fine.num_nodes ? n : is.changes.node_source[n - was.fine.num_nodes];
+        for (int d = 0; d < 3; d++) ASSERT_EQ(data.positions[3 * n + d], x[3 * static_cast<size_t>(source) + static_cast<size_t>(d)]) << "node " << n;
+    }
+    if (!data.falling) expect_same(data.solver->now.x, data.positions, 3 * static_cast<size_t>(is.fine.num_nodes), "state of the solver");
+}
+
+// random strokes, some of which cut a corner off, with steps, undo and a copy that goes its own way
+TEST_F(ManyCuts, FollowAsMadeAnew)
+{
+    body.cells(14, 12, 12, 1); // arrays of many pieces
+    std::memset(body.scan.voxels, 0, pliant_geometry_voxels(&body.scan.geometry));
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pliant_data *copy = nullptr, *first = body.data;
+    for (int c = 0; c < 48; c++) {
+        if (c == 20) {
+            ASSERT_EQ(pliant_data_copy(body.model, first, &copy), PLIANT_OK) << pliant_last_error();
+        }
+        body.data = c >= 20 && c % 2 == 1 ? copy : first;
+        const pliant_body *was = pliant_body_retain(body.data->body);
+        const std::vector<double> x(body.data->positions, body.data->positions + 3 * static_cast<size_t>(was->fine.num_nodes));
+        if (c % 15 == 11) {
+            const double at = 0.12 - 0.0004 * c, line[6] = {at, -0.01, 0.13, at, 0.13, 0.13}, depth[3] = {0.05, 0, -0.05};
+            ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, line, depth, nullptr), PLIANT_OK) << pliant_last_error();
+        } else {
+            slit();
+        }
+        if (!body.data->falling) expect_carried(*was, x, *body.data);
+        expect_as_anew(body.scene, *body.data);
+        pliant_body_release(was);
+        if (c % 7 == 6 && body.data->undo.count > 0) {
+            ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK);
+            expect_as_anew(body.scene, *body.data);
+        }
+        const double gravity[3] = {0, 0.05 * (c / 9), -0.5};
+        ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
+        ASSERT_GE(pliant_step(body.model, body.data), 0);
+        if (HasFatalFailure()) break;
+    }
+    EXPECT_TRUE(first->falling && copy->falling);
+    body.data = first;
+    pliant_data_free(copy);
 }
 
 TEST_F(ManyCuts, AreDrawnAsByAWarpMadeAnew)

@@ -176,6 +176,8 @@ static void entry_rotation(const pliant_system *system, const double *solved, in
 /* whether fine nodes follow macro-elements; otherwise those are the fine mesh's own */
 static bool follows_macros(const pliant_system *system) { return system->macros && system->macros->fine_start; }
 
+bool pliant_solves_fine(const pliant_system *system) { return !system->upsample && !follows_macros(system); }
+
 bool pliant_upsample_turns(const pliant_system *system) { return follows_macros(system) || (system->upsample && system->upsample->start); }
 
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine)

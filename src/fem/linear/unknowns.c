@@ -7,15 +7,32 @@
 #include <stdlib.h>
 #include <string.h>
 
-static pliant_status number_free(pliant_system *system, const uint8_t *fixed)
+/* whether the nodes that there were before move as they did */
+static bool same_fixed(const pliant_mesh *mesh, const uint8_t *fixed, const pliant_system *before)
+{
+    int32_t differ = 0;
+    if (!before || before->mesh->num_nodes > mesh->num_nodes) return false;
+    for (int32_t n = 0; n < before->mesh->num_nodes; n++) differ |= (fixed[n] != 0) != (before->free_of_node[n] < 0);
+    return differ == 0;
+}
+
+/* before: Nullable; what is numbered as it was there is not numbered again */
+static pliant_status number_free(pliant_system *system, const uint8_t *fixed, const pliant_system *before)
 {
     const pliant_mesh *mesh = system->mesh;
-    system->free_of_node = pliant_calloc((size_t)mesh->num_nodes, sizeof *system->free_of_node);
-    system->node_of_free = pliant_calloc((size_t)mesh->num_nodes, sizeof *system->node_of_free);
+    const bool same = same_fixed(mesh, fixed, before);
+    const size_t nodes = (size_t)mesh->num_nodes, known = same ? (size_t)before->mesh->num_nodes : 0;
+    system->free_of_node = same ? pliant_next_of(before->free_of_node, known, nodes, sizeof *system->free_of_node) : pliant_calloc(nodes, sizeof *system->free_of_node);
+    system->node_of_free = same ? pliant_next_of(before->node_of_free, known, nodes, sizeof *system->node_of_free) : pliant_calloc(nodes, sizeof *system->node_of_free);
     if (!system->free_of_node || !system->node_of_free) return pliant_fail_memory("the unknowns");
-    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+    system->num_free = same ? before->num_free : 0;
+    for (int32_t n = (int32_t)known; n < mesh->num_nodes; n++) {
         system->free_of_node[n] = fixed[n] ? -1 : system->num_free;
         if (!fixed[n]) system->node_of_free[system->num_free++] = n;
+    }
+    if (same) {
+        pliant_writes(system->free_of_node, known, nodes - known, sizeof *system->free_of_node);
+        pliant_writes(system->node_of_free, (size_t)before->num_free, (size_t)(system->num_free - before->num_free), sizeof *system->node_of_free);
     }
     if (system->num_free == 0) return pliant_fail(PLIANT_ERROR_SCENE, "every node is fixed: nothing can move");
     return PLIANT_OK;
@@ -57,11 +74,13 @@ static int by_unknown(const void *a, const void *b)
     return i->corner < j->corner ? -1 : i->corner > j->corner;
 }
 
-/* unknowns of before have the same numbers */
-static bool numbered_alike(const pliant_system *system, const pliant_system *before)
+bool pliant_numbered_alike(const pliant_system *system, const pliant_system *before)
 {
-    return system->num_free >= before->num_free && system->mesh->num_nodes >= before->mesh->num_nodes && system->mesh->num_tets >= before->mesh->num_tets &&
-           memcmp(system->free_of_node, before->free_of_node, (size_t)before->mesh->num_nodes * sizeof *before->free_of_node) == 0;
+    const size_t bytes = (size_t)before->mesh->num_nodes * sizeof *before->free_of_node;
+    if (system->num_free < before->num_free || system->mesh->num_nodes < before->mesh->num_nodes) return false;
+    for (size_t from = 0, to = 0; pliant_next_difference(system->free_of_node, before->free_of_node, bytes, &from, &to);)
+        if (memcmp((const char *)system->free_of_node + from, (const char *)before->free_of_node + from, to - from) != 0) return false;
+    return true;
 }
 
 /* The list of a node of which a corner is not kept, or was of such a one: what it keeps, and what is listed. */
@@ -173,11 +192,11 @@ static pliant_status list_corners_next(pliant_system *system, const pliant_syste
 
 pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fixed, const pliant_system *before, const uint8_t *kept)
 {
-    pliant_status status = number_free(system, fixed);
+    pliant_status status = number_free(system, fixed, before);
     if (status == PLIANT_OK && system->macros) return pliant_macro_number(system);
     if (status != PLIANT_OK) return status;
     bool done = false;
-    if (kept && !before->macros && numbered_alike(system, before)) status = list_corners_next(system, before, kept, &done);
+    if (kept && !before->macros && system->mesh->num_tets >= before->mesh->num_tets && pliant_numbered_alike(system, before)) status = list_corners_next(system, before, kept, &done);
     return status == PLIANT_OK && !done ? list_corners(system) : status;
 }
 

@@ -1,5 +1,6 @@
 /* From the solver of one body to that of the next. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/element/hexahedra.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -72,8 +73,19 @@ static pliant_status carry_before_by_cell(const pliant_system *system, const pli
     return PLIANT_OK;
 }
 
+/* (num_free) unknown of the system before that each takes after; -1: none. NULL: out of memory */
+static int32_t *unknowns_before(const pliant_system *system, const pliant_system *before, const int32_t *node)
+{
+    int32_t *source = pliant_room((size_t)system->num_free, sizeof *source);
+    for (int32_t f = 0; source && f < system->num_free; f++) {
+        const int32_t was = node[system->node_of_free[f]];
+        source[f] = was >= 0 ? before->free_of_node[was] : -1;
+    }
+    return source;
+}
+
 /* What the preconditioner's axes are of stays as it was. Errors: MEMORY. */
-static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *source, const int32_t *tet)
+static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet)
 {
     const pliant_system *system = solver->system;
     pliant_nodal_rotations *axes = solver->rotations;
@@ -82,52 +94,54 @@ static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from
         pliant_nodal_rotations_refer(system, system->mesh->rest, axes);
         return PLIANT_OK;
     }
+    int32_t *source = unknowns_before(system, from->system, node);
+    if (!source) return pliant_fail_memory("the solver");
     axes->turned = from->rotations->turned;
     for (int32_t f = 0; f < system->num_free; f++)
         for (int m = 0; m < 9; m++)
             axes->rotation[9 * (size_t)f + (size_t)m] = source[f] >= 0 ? from->rotations->rotation[9 * (size_t)source[f] + (size_t)m] : m % 4 == 0;
+    pliant_free(source);
     if (system->graded || from->system->graded) return carry_before_by_cell(system, from, axes);
     if (system->macros) return carry_macros_before(system, from, tet, axes);
     carry_tets_before(system, from, tet, axes);
     return PLIANT_OK;
 }
 
-/* (num_free) unknown of the system that the preconditioner at hand, or its base, is of */
-static int32_t *sources_of(const pliant_system *system, const pliant_solver *from, const int32_t *node)
+/* (num_free) unknown of the system that the preconditioner at hand, or its base, is of; same: nodes that take after their own number */
+static int32_t *sources_of(const pliant_system *system, const pliant_solver *from, const int32_t *node, int32_t same)
 {
+    const pliant_system *before = from->system;
     const int32_t *below;
-    int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
     pliant_preconditioner_source(from->preconditioner, &below);
-    for (int32_t f = 0; source && f < system->num_free; f++) {
-        const int32_t was = node[system->node_of_free[f]], before = was >= 0 ? from->system->free_of_node[was] : -1;
-        source[f] = before >= 0 && below ? below[before] : before;
+    const bool alike = system->mesh == system->fine && same == before->mesh->num_nodes && pliant_numbered_alike(system, before);
+    const int32_t known = alike && below ? before->num_free : 0;
+    int32_t *source = known > 0 ? pliant_next_of(below, (size_t)known, (size_t)system->num_free, sizeof *source)
+                                : pliant_room((size_t)system->num_free, sizeof *source);
+    for (int32_t f = known; source && f < system->num_free; f++) {
+        const int32_t was = node[system->node_of_free[f]], unknown = was >= 0 ? before->free_of_node[was] : -1;
+        source[f] = unknown >= 0 && below ? below[unknown] : unknown;
     }
+    if (source) pliant_writes(source, (size_t)known, (size_t)(system->num_free - known), sizeof *source);
     return source;
 }
 
-static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet, bool rests)
+static pliant_status carry(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const pliant_body_map *map, bool rests)
 {
     const pliant_system *system = solver->system;
-    int32_t *source = pliant_calloc((size_t)system->num_free, sizeof *source);
-    if (!source) return pliant_fail_memory("the solver");
-    for (int32_t f = 0; f < system->num_free; f++) {
-        const int32_t was = node[system->node_of_free[f]];
-        source[f] = was >= 0 ? from->system->free_of_node[was] : -1;
-    }
-    pliant_status status = carry_axes(solver, from, source, tet);
-    pliant_free(source);
+    pliant_status status = carry_axes(solver, from, node, map->tet);
     if (status != PLIANT_OK) return status;
     const int32_t *below;
     const pliant_discretization *of = pliant_preconditioner_source(from->preconditioner, &below);
     if (!of) of = from->system->of;
-    if (!(source = sources_of(system, from, node))) return pliant_fail_memory("the solver");
+    int32_t *source = sources_of(system, from, node, map->num_same);
+    if (!source) return pliant_fail_memory("the solver");
     const double *axes = solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL;
     status = pliant_preconditioner_carry(system, of, of->system, source, rests ? NULL : solver->now.x, axes, &solver->preconditioner);
     return status == PLIANT_OK ? pliant_refresh_carry(solver, from, node) : status;
 }
 
 pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
-                                   const pliant_body_map *map, bool rests, pliant_solver **out)
+                                   const pliant_body_map *map, bool rests, const double *state, pliant_solver **out)
 {
     const int32_t *node = NULL;
     int32_t *own = NULL;
@@ -135,9 +149,11 @@ pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_syste
     pliant_status status = pliant_solver_create_without(scene, system, rests, &solver);
     if (status != PLIANT_OK) return status;
     carry_limits(solver, from);
-    status = pliant_solved_sources(system, from->system, map, &own, &node);
-    if (status == PLIANT_OK) status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
-    if (status == PLIANT_OK) status = carry(solver, from, node, map->tet, rests);
+    status = pliant_solver_carry_load(solver, from);
+    if (status == PLIANT_OK) status = pliant_solved_sources(system, from->system, map, &own, &node);
+    if (status == PLIANT_OK && state) memcpy(solver->now.x, state, 3 * (size_t)system->mesh->num_nodes * sizeof *state);
+    else if (status == PLIANT_OK) status = pliant_solved_positions(system, from->system, map, from->now.x, solver->now.x);
+    if (status == PLIANT_OK) status = carry(solver, from, node, map, rests);
     pliant_free(own);
     solver->opened = true;
     if (status != PLIANT_OK) {

@@ -119,16 +119,13 @@ static pliant_status add_weight(pliant_touches *touches, int32_t unknown, const 
     return PLIANT_OK;
 }
 
-/* whether the fine mesh is the solved one, node by node */
-static bool is_direct(const pliant_system *system) { return !system->upsample && !(system->macros && system->macros->fine_start); }
-
 static pliant_status add_weights(pliant_solver *solver, const pliant_contact_point *point)
 {
     const pliant_system *system = solver->system;
     pliant_touches *touches = solver->touches;
     double *dense = solver->dense_weights;
     pliant_status status = PLIANT_OK;
-    if (is_direct(system)) {
+    if (pliant_solves_fine(system)) {
         for (int32_t k = 0; k < point->count && status == PLIANT_OK; k++) {
             const double w = point->weight[k], block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
             const int32_t unknown = system->free_of_node[point->node[k]];

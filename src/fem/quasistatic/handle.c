@@ -1,9 +1,11 @@
 /* What tools hold: rows of W, and what the body answers to them. */
 #include "base/fail.h"
 #include "base/dense.h"
+#include "base/room.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 void pliant_handle_apply(const pliant_handle *handle, const double *v, double out[3])
@@ -45,13 +47,14 @@ static void free_arrays(pliant_handle *handle)
     pliant_free(handle->response);
 }
 
-static pliant_status allocate(pliant_handle *handle, size_t unknowns)
+/* its response, when it is asked for */
+static pliant_status allocate(pliant_handle *handle)
 {
     handle->unknown = pliant_calloc((size_t)handle->count, sizeof *handle->unknown);
     handle->block = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->block);
     handle->turned = pliant_calloc((size_t)handle->count, 9 * sizeof *handle->turned);
-    handle->response = pliant_calloc(3 * unknowns, sizeof *handle->response);
-    if (handle->unknown && handle->block && handle->turned && handle->response) return PLIANT_OK;
+    handle->response = NULL;
+    if (handle->unknown && handle->block && handle->turned) return PLIANT_OK;
     free_arrays(handle);
     return pliant_fail_memory("a tool's hold");
 }
@@ -62,11 +65,11 @@ void pliant_handle_free(pliant_handle *handle)
     memset(handle, 0, sizeof *handle);
 }
 
-pliant_status pliant_handle_copy(const pliant_handle *handle, size_t unknowns, pliant_handle *out)
+pliant_status pliant_handle_copy(const pliant_handle *handle, pliant_handle *out)
 {
     pliant_handle_free(out);
     pliant_handle copy = *handle;
-    pliant_status status = allocate(&copy, unknowns);
+    pliant_status status = allocate(&copy);
     if (status != PLIANT_OK) return status;
     memcpy(copy.unknown, handle->unknown, (size_t)handle->count * sizeof *copy.unknown);
     memcpy(copy.block, handle->block, 9 * (size_t)handle->count * sizeof *copy.block);
@@ -98,33 +101,77 @@ void pliant_solver_turned(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_handle_turn(solver->handles + t, solver->rotations);
 }
 
-pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
-                                 const double *fine_positions)
+/* W where the fine nodes are solved themselves: by unknown, each once. A node's weight is a multiple of the unit matrix. */
+typedef struct held_unknown {
+    int32_t unknown, order;
+    double weight;
+} held_unknown;
+
+static int by_unknown(const void *a, const void *b)
+{
+    const held_unknown *i = a, *j = b;
+    if (i->unknown != j->unknown) return i->unknown < j->unknown ? -1 : 1;
+    return i->order < j->order ? -1 : i->order > j->order;
+}
+
+static pliant_status hold_nodes(const pliant_system *system, int32_t count, const int32_t *nodes, const double *weights, pliant_handle *handle)
+{
+    int32_t listed = 0, kept = 0;
+    held_unknown *list = pliant_calloc((size_t)count + 1, sizeof *list);
+    if (!list) return pliant_fail_memory("a tool's hold");
+    for (int32_t h = 0; h < count; h++)
+        if (system->free_of_node[nodes[h]] >= 0) list[listed++] = (held_unknown){system->free_of_node[nodes[h]], h, weights[h]};
+    qsort(list, (size_t)listed, sizeof *list, by_unknown);
+    for (int32_t i = 0; i < listed;) {
+        held_unknown one = {list[i].unknown, 0, 0};
+        for (; i < listed && list[i].unknown == one.unknown; i++) one.weight += list[i].weight;
+        if (one.weight != 0) list[kept++] = one;
+    }
+    handle->count = kept;
+    pliant_status status = kept > 0 ? allocate(handle) : PLIANT_OK;
+    for (int32_t i = 0; i < kept && status == PLIANT_OK; i++) {
+        handle->unknown[i] = list[i].unknown;
+        for (int d = 0; d < 3; d++) handle->block[9 * (size_t)i + 4 * (size_t)d] = list[i].weight;
+    }
+    pliant_free(list);
+    return status;
+}
+
+/* W of nodes that follow others. dense: (num_free x 9) room */
+static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes, const double *weights, double *dense, pliant_handle *handle)
 {
     const pliant_system *system = solver->system;
-    pliant_handle *old = solver->handles + tool, handle = *old;
-    double *dense = solver->dense_weights;
     memset(dense, 0, 9 * (size_t)system->num_free * sizeof *dense);
     pliant_upsample_weights(system, solver->now.x, count, nodes, weights, dense);
-    handle.count = 0;
+    handle->count = 0;
     for (int32_t n = 0; n < system->num_free; n++)
         for (int m = 0; m < 9; m++)
             if (dense[9 * n + m] != 0) {
-                handle.count++;
+                handle->count++;
                 break;
             }
-    handle.unknown = NULL;
-    handle.block = handle.turned = handle.response = NULL;
-    pliant_status status = handle.count > 0 ? allocate(&handle, pliant_solver_unknowns(solver)) : PLIANT_OK;
+    pliant_status status = handle->count > 0 ? allocate(handle) : PLIANT_OK;
     if (status != PLIANT_OK) return status;
     int32_t next = 0;
     for (int32_t n = 0; n < system->num_free; n++) {
         bool used = false;
         for (int m = 0; m < 9; m++) used = used || dense[9 * n + m] != 0;
         if (!used) continue;
-        handle.unknown[next] = n;
-        memcpy(handle.block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
+        handle->unknown[next] = n;
+        memcpy(handle->block + 9 * next++, dense + 9 * n, 9 * sizeof *dense);
     }
+    return PLIANT_OK;
+}
+
+pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count, const int32_t *nodes, const double *weights,
+                                 const double *fine_positions)
+{
+    pliant_handle *old = solver->handles + tool, handle = *old;
+    handle.unknown = NULL;
+    handle.block = handle.turned = handle.response = NULL;
+    pliant_status status = pliant_solves_fine(solver->system) ? hold_nodes(solver->system, count, nodes, weights, &handle)
+                                                              : hold_followers(solver, count, nodes, weights, solver->dense_weights, &handle);
+    if (status != PLIANT_OK) return status;
     bool was_active = old->active;
     free_arrays(old);
     *old = handle;
@@ -147,6 +194,7 @@ pliant_status pliant_solver_hold(pliant_solver *solver, int tool, int32_t count,
 
 pliant_status pliant_handle_respond(pliant_handle *handle, size_t unknowns, pliant_preconditioner *preconditioner)
 {
+    if (!handle->response && !(handle->response = pliant_room(3 * unknowns, sizeof *handle->response))) return pliant_fail_memory("a tool's hold");
     memset(handle->response, 0, 3 * unknowns * sizeof *handle->response);
     for (int d = 0; d < 3; d++) {
         double unit[3] = {d == 0, d == 1, d == 2};

@@ -197,7 +197,7 @@ static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_re
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle_free(refresh->handles + t);
         if (!pliant_handle_is_spring(solver->handles + t)) continue;
-        pliant_status status = pliant_handle_copy(solver->handles + t, pliant_solver_unknowns(solver), refresh->handles + t);
+        pliant_status status = pliant_handle_copy(solver->handles + t, refresh->handles + t);
         if (status != PLIANT_OK) return status;
     }
     for (int32_t h = 0; h < PLIANT_MAX_HISTORY; h++) {

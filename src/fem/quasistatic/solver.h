@@ -36,7 +36,7 @@ typedef struct pliant_handle {
     double *block;         /* (count x 9) dy/dx */
     double *turned;        /* (count x 9) the same, x in the nodes' own axes; block itself where nothing turns */
     double origin[3];      /* y = origin + W x */
-    double *response;      /* Z: (3 x 3 num_free), column by column */
+    double *response;      /* Z: (3 x 3 num_free), column by column; NULL: it was not asked for yet */
     uint64_t response_of;  /* pliant_in_use.number that Z belongs to; 0: none */
 } pliant_handle;
 
@@ -136,7 +136,7 @@ struct pliant_solver {
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY]; /* energy products of the secants' steps */
     pliant_posterior posterior;
     double (*element_forces)[12][LANES];
-    double *dense_weights;      /* (9 num_free) room to build W */
+    double *dense_weights;      /* (9 num_free) room to build W; NULL where the fine nodes are solved themselves */
 };
 
 /* Of the next step's evaluations: those of live steps are even. */
@@ -144,12 +144,14 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver);
 
 /* Limits and intervals as the scene says. Both are borrowed. */
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
-/* the same without a preconditioner, nothing set; rests: without what only a step of its own needs */
+/* the same without a preconditioner and a load, nothing set; rests: without what only a step of its own needs */
 pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out);
 /* That a new factor takes, about [s]; 0: not known */
 double pliant_solver_factor_seconds(const pliant_solver *solver);
 /* That is made where it is not there yet; axes refer to nothing. Errors: MEMORY. */
 pliant_status pliant_solver_wake(pliant_solver *solver);
+/* Its load, by the gravity of the solver before: only nodes of another mass have another one. Errors: MEMORY. */
+pliant_status pliant_solver_carry_load(pliant_solver *solver, const pliant_solver *from);
 void pliant_solver_free(pliant_solver *solver);
 /* At rest, on the factor at rest, nothing held. Errors: MEMORY. */
 pliant_status pliant_solver_reset(pliant_solver *solver);
@@ -207,8 +209,8 @@ void pliant_handle_load(const pliant_handle *handle, const double force[3], doub
 void pliant_handle_turn(pliant_handle *handle, const pliant_nodal_rotations *rotations);
 /* Z of a spring, of this preconditioner. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_handle_respond(pliant_handle *handle, size_t unknowns, pliant_preconditioner *preconditioner);
-/* A copy of what it holds, with room for Z; *out is freed first, and empty on errors. Errors: MEMORY. */
-pliant_status pliant_handle_copy(const pliant_handle *handle, size_t unknowns, pliant_handle *out);
+/* A copy of what it holds, without Z; *out is freed first, and empty on errors. Errors: MEMORY. */
+pliant_status pliant_handle_copy(const pliant_handle *handle, pliant_handle *out);
 bool pliant_handle_same_hold(const pliant_handle *a, const pliant_handle *b);
 void pliant_handle_free(pliant_handle *handle); /* and empty */
 /* Z of the springs, where it belongs to another factor. */
@@ -239,9 +241,10 @@ bool pliant_solver_propose(pliant_solver *solver, double *left, double *made);
 /* ---- adapt.c: the solver of the next body, and what it takes over from the one before */
 /* Its positions, limits, and axes; what stands for the inverse of its stiffness is carried over (carried.h). Nothing of the one before
  * changes, and the next one cannot step, until it has taken over what the other has.
- * rests: another backend solves: what only a step needs is made when one comes. Errors: MEMORY, NUMERIC. */
+ * rests: another backend solves: what only a step needs is made when one comes. state: NULL, or (solved nodes) where they are, if not where the one before
+ * has them. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_solver_follow(const pliant_scene *scene, const pliant_system *system, const pliant_solver *from,
-                                   const pliant_body_map *map, bool rests, pliant_solver **out);
+                                   const pliant_body_map *map, bool rests, const double *state, pliant_solver **out);
 /* The preconditioner, and what is being made in the background: the one before can only be freed then. */
 void pliant_solver_take_over(pliant_solver *solver, pliant_solver *from);
 /* A tool's hold, on fine nodes of the next body, and its force. Errors: MEMORY. */

@@ -118,10 +118,9 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     /* moving one node by a thousandth of the body: below that, the tolerance is taken of this */
     rules->smallest_displacement = 1e-3 * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
-    solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
-    solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
-    solver->now.x = pliant_calloc((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
-    pliant_status status = solver->load && solver->dense_weights && solver->now.x ? PLIANT_OK : pliant_fail_memory("the solver");
+    if (!pliant_solves_fine(system)) solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
+    solver->now.x = pliant_room((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
+    pliant_status status = (solver->dense_weights || pliant_solves_fine(system)) && solver->now.x ? PLIANT_OK : pliant_fail_memory("the solver");
     if (status == PLIANT_OK && !rests) status = pliant_solver_wake(solver);
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
@@ -137,7 +136,9 @@ pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_syste
 {
     pliant_solver *solver = NULL;
     pliant_status status = pliant_solver_create_without(scene, system, false, &solver);
-    if (status == PLIANT_OK) status = pliant_solver_reset(solver);
+    if (status != PLIANT_OK) return status;
+    solver->load = pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
+    status = solver->load ? pliant_solver_reset(solver) : pliant_fail_memory("the solver");
     if (status != PLIANT_OK) {
         pliant_solver_free(solver);
         return status;
@@ -172,17 +173,41 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-/* F_j = M_j' g, [H] 9 and 10 */
+/* F_j = M_j' g, [H] 9 and 10, of the unknown nodes from one to before another */
+static void find_load(pliant_solver *solver, int32_t from, int32_t to)
+{
+    const double *gravity = solver->gravity;
+    for (int32_t f = from; f < to; f++)
+        for (int d = 0; d < 3; d++) {
+            const double *mass = solver->system->gravity_mass + 9 * (size_t)f;
+            solver->load[3 * f + d] = mass[d] * gravity[0] + mass[3 + d] * gravity[1] + mass[6 + d] * gravity[2];
+        }
+    pliant_writes(solver->load, 3 * (size_t)from, 3 * (size_t)(to - from), sizeof *solver->load);
+}
+
 void pliant_solver_gravity(pliant_solver *solver, const double gravity[3])
 {
     if (solver->loaded && memcmp(solver->gravity, gravity, sizeof solver->gravity) == 0) return;
     memcpy(solver->gravity, gravity, sizeof solver->gravity);
     solver->loaded = true;
-    for (int32_t f = 0; f < solver->system->num_free; f++)
-        for (int d = 0; d < 3; d++) {
-            const double *mass = solver->system->gravity_mass + 9 * (size_t)f;
-            solver->load[3 * f + d] = mass[d] * gravity[0] + mass[3 + d] * gravity[1] + mass[6 + d] * gravity[2];
-        }
+    find_load(solver, 0, solver->system->num_free);
+}
+
+pliant_status pliant_solver_carry_load(pliant_solver *solver, const pliant_solver *from)
+{
+    const pliant_system *system = solver->system, *before = from->system;
+    const int32_t both = system->num_free < before->num_free ? system->num_free : before->num_free;
+    const size_t row = 9 * sizeof *system->gravity_mass;
+    solver->load = from->loaded ? pliant_next_of(from->load, 3 * (size_t)both, 3 * (size_t)system->num_free, sizeof *solver->load)
+                                : pliant_calloc((size_t)system->num_free, 3 * sizeof *solver->load);
+    if (!solver->load) return pliant_fail_memory("the solver");
+    solver->loaded = from->loaded;
+    memcpy(solver->gravity, from->gravity, sizeof solver->gravity);
+    if (!from->loaded) return PLIANT_OK;
+    for (size_t first = 0, end = 0; pliant_next_difference(system->gravity_mass, before->gravity_mass, row * (size_t)both, &first, &end);)
+        find_load(solver, (int32_t)(first / row), (int32_t)((end + row - 1) / row));
+    find_load(solver, both, system->num_free);
+    return PLIANT_OK;
 }
 
 void pliant_solver_free(pliant_solver *solver)
