@@ -1,0 +1,87 @@
+#!/usr/bin/env python3
+"""The press of ContactSolver.SpherePressedAndMovedAsideAsCalculiX (test/pipeline/contact_solver_test.cpp): its deck for CalculiX (ccx), and the force.
+
+A block of 40 x 40 x 20 mm stands on the ground (E = 1 N/mm^2, nu = 0.3, C3D8I); a cap of a sphere of 1 m goes 0.1 mm down into it, with friction 0.3.
+Told is the force on the block's foot. Arguments: elements along the block (8), faces of the cap along one of these (4). The cap's chords lie above the sphere, so that
+force grows with these faces, with 8 elements: 2.321 N with one, 2.486 with two, 2.508 with three, 2.515 with four. What the cap moves by aside after that is not made here: it does not
+converge with this deck.
+Exit status 77: ccx is not installed."""
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+
+EDGE, HEIGHT, RADIUS, FRICTION = 40.0, 20.0, 1000.0, 0.3  # [mm]
+STIFFNESS = 50.0  # [N/mm^3] of what touches, and of what sticks
+DOWN = 0.1
+ELEMENTS, FINER, KNOWN = 8, 4, 2.5214  # [N] that contact_solver_test goes on from
+
+
+def bricks(n, layers, first, place):
+    """Nodes {number: place} and elements {number: nodes} of n x n x layers bricks."""
+    number = {}
+    nodes, elements = {}, {}
+    for k in range(layers + 1):
+        for j in range(n + 1):
+            for i in range(n + 1):
+                number[i, j, k] = first + len(number)
+                nodes[number[i, j, k]] = place(i, j, k)
+    for k in range(layers):
+        for j in range(n):
+            for i in range(n):
+                around = ((0, 0), (1, 0), (1, 1), (0, 1))
+                elements[first + len(elements)] = [number[i + a, j + b, k + c] for c in (0, 1) for a, b in around]
+    return nodes, elements, number
+
+
+def deck(n, finer):
+    h, fine = EDGE / n, EDGE / n / finer
+    block, soft, of_block = bricks(n, n // 2, 1, lambda i, j, k: (i * h, j * h, k * h))
+    cap, stiff, of_cap = bricks(finer * n, 1, 100001, lambda i, j, k: (
+        i * fine, j * fine, HEIGHT + 5.0 if k else HEIGHT + RADIUS - math.sqrt(RADIUS ** 2 - (i * fine - EDGE / 2) ** 2 - (j * fine - EDGE / 2) ** 2)))
+    top = [e for e, nodes in soft.items() if nodes[4] >= of_block[0, 0, n // 2]]
+    out = ["*NODE, NSET=ALL"] + ["%d, %.9g, %.9g, %.9g" % ((number,) + place) for number, place in list(block.items()) + list(cap.items())]
+    for name, kind, elements in (("BLOCK", "C3D8I", soft), ("CAP", "C3D8", stiff)):
+        out += ["*ELEMENT, TYPE=%s, ELSET=%s" % (kind, name)] + ["%d, %s" % (e, ", ".join(map(str, nodes))) for e, nodes in elements.items()]
+    for name, numbers in (("FOOT", [of_block[i, j, 0] for i in range(n + 1) for j in range(n + 1)]), ("MOVED", list(cap))):
+        out += ["*NSET, NSET=" + name] + ["%d," % number for number in numbers]
+    out += ["*SURFACE, NAME=TISSUE"] + ["%d, S2" % e for e in top]
+    out += ["*SURFACE, NAME=TOOL"] + ["%d, S1" % e for e in stiff]
+    out += ["*MATERIAL, NAME=SOFT", "*ELASTIC", "1., 0.3", "*SOLID SECTION, ELSET=BLOCK, MATERIAL=SOFT",
+            "*MATERIAL, NAME=HARD", "*ELASTIC", "1000., 0.3", "*SOLID SECTION, ELSET=CAP, MATERIAL=HARD",
+            "*SURFACE INTERACTION, NAME=TOUCH", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", "%g" % STIFFNESS,
+            "*FRICTION", "%g, %g" % (FRICTION, STIFFNESS), "*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "TISSUE, TOOL",
+            "*BOUNDARY", "FOOT, 1, 3"]
+    out += ["*STEP, INC=1000", "*STATIC", "0.25, 1., 1e-5, 0.25", "*BOUNDARY", "MOVED, 1, 2, 0.", "MOVED, 3, 3, %g" % -DOWN,
+            "*NODE PRINT, NSET=FOOT, TOTALS=ONLY, FREQUENCY=1000", "RF", "*END STEP"]
+    return "\n".join(out) + "\n"
+
+
+def pressed(n, finer, folder):
+    """[N]"""
+    with open(os.path.join(folder, "deck.inp"), "w") as file:
+        file.write(deck(n, finer))
+    said = subprocess.run(["ccx", "deck"], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, env=dict(os.environ, OMP_NUM_THREADS="1"))
+    with open(os.path.join(folder, "deck.dat")) as file:
+        totals = [list(map(float, line.split())) for line in file if len(line.split()) == 3 and line.split()[0][-1].isdigit()]
+    if len(totals) != 1:
+        raise SystemExit("ccx does not converge:\n" + said.stdout[-2000:])
+    return totals[0][2]
+
+
+def main():
+    if not shutil.which("ccx"):
+        print("skipped: ccx is not installed (apt-get install calculix-ccx)")
+        return 77
+    n, finer = [int(each) for each in sys.argv[1:]] or (ELEMENTS, FINER)
+    with tempfile.TemporaryDirectory() as folder:
+        force = pressed(n, finer, folder)
+    print("%d elements along, a cap of %d faces on each: %.5g N" % (n, finer, force))
+    # one face leaves 8 %, four a sixteenth of that
+    return 0 if sys.argv[1:] or abs(force - KNOWN) < 0.005 * KNOWN else "%g N expected" % KNOWN
+
+
+if __name__ == "__main__":
+    sys.exit(main())
