@@ -10,8 +10,8 @@
 #include <climits>
 #include <cstring>
 
-/* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often */
-static const int32_t longest_graph = 256, relaxation_graph = 32;
+/* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often; parts of a frame, of any length, are of these */
+static const int32_t longest_graph = 256, relaxation_graph = 32, part_graph = 8;
 
 /* nodes that any tool holds or a contact has, ascending; each tool's; those of contacts; room for so many here and on the GPU */
 struct held_nodes { int32_t *held, *node, *near; double *weight; int32_t capacity; };
@@ -346,6 +346,7 @@ static void set_tools(const pliant_tled *tled, const pliant_tool *tools, int num
         gpu_hold *hold = frame->tools + t;
         if (!tool->holding) continue;
         hold->active = 1;
+        hold->later = tled->later[t];
         hold->drive = pliant_tool_drive(tool);
         for (int d = 0; d < 3; d++) hold->goal[d] = tool->tip[d] - tool->grip[d];
         memcpy(hold->driving_force, tool->driving_force, sizeof hold->driving_force);
@@ -369,7 +370,9 @@ static void set_frame(const pliant_tled *tled, gpu_frame *frame)
     frame->damping = (float)system->stiffness_damping / (float)tled->time_step;
     frame->tolerance = tled->tolerance;
     frame->smallest_load = tled->smallest_load;
-    frame->substeps = tled->substeps;
+    frame->substeps = pliant_tled_part_steps(tled);
+    frame->made = tled->made;
+    frame->whole = tled->substeps;
     for (int term = 0; term < system->num_prony; term++) {
         const float dt = (float)tled->time_step;
         frame->prony_part[term] = dt / ((float)system->prony_time[term] + dt);
@@ -413,8 +416,10 @@ static pliant_status download_outcome(pliant_cuda_tled *gpu)
 /* Displacements change places in every sub-step, so graphs that follow each other have an even number of them. */
 static pliant_status enqueue_frame(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
-    const int32_t repeats = (tled->substeps + longest_graph - 1) / longest_graph, length = (tled->substeps + repeats - 1) / repeats;
-    CUDA_TRY(record(gpu, repeats > 1 ? length + length % 2 : length, repeats > 1));
+    const int32_t steps = pliant_tled_part_steps(tled), most = steps < tled->substeps ? part_graph : longest_graph;
+    const int32_t repeats = (steps + most - 1) / most, length = most == part_graph ? most : (steps + repeats - 1) / repeats;
+    const bool repeated = repeats > 1 || most == part_graph;
+    CUDA_TRY(record(gpu, repeated ? length + length % 2 : length, repeated));
     for (int32_t r = 0; r < repeats; r++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->graph, gpu->stream)));
     return PLIANT_OK;
 }
@@ -489,7 +494,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
     CUDA_TRY(still ? relax(gpu, tled) : enqueue_frame(gpu, tled));
     CUDA_TRY(download(gpu, tled));
     out->sound = outcome->unsound == INT32_MAX;
-    out->steps = still ? outcome->steps : tled->substeps;
+    out->steps = still ? outcome->steps : pliant_tled_part_steps(tled);
     if (!out->sound) {
         out->steps = outcome->unsound + 1;
         return PLIANT_OK;

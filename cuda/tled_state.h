@@ -44,6 +44,7 @@ typedef struct gpu_node { double inverse_mass, mass, limit, held; /* held: 1 by 
 typedef struct gpu_hold {
     int32_t active, drive, first, count; /* of d_tool_node, d_tool_weight */
     double goal[3], driving_force[3], stiffness, damping;
+    int32_t later;             /* struct pliant_tled */
     double load_share;         /* sum of squared weights over masses */
 } gpu_hold;
 
@@ -55,7 +56,8 @@ typedef struct gpu_frame {
     float damping;             /* in proportion to stiffness, over the sub-step; 0: none */
     float gap;
     double tolerance, smallest_load; /* of dynamic relaxation */
-    int32_t substeps, num_tools, num_held; /* num_held: of d_held_node */
+    int32_t substeps, num_tools, num_held; /* of this part of the frame (struct pliant_tled); num_held: of d_held_node */
+    int32_t made, whole;       /* sub-steps of the frame before them; of all of it */
     int32_t num_points, num_levels, num_near; /* of contacts */
     gpu_hold tools[PLIANT_MAX_TOOLS];
     double answer[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS]; /* sums of weight times weight over mass of nodes that two tools share */

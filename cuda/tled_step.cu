@@ -154,7 +154,7 @@ static __device__ __forceinline__ double error_of_component(const gpu_tled &tled
     if (pliant_substep_touches(tled.walls, tled.num_walls, tled.d_rest + 3 * (size_t)at.n, u)) return 0;
     const double change = sqrt(changes[0] * changes[0] + changes[1] * changes[1] + changes[2] * changes[2]);
     const double step = tled.d_frame->time_step;
-    return pliant_substep_error(tled.d_frame->substeps * step, step, change, sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
+    return pliant_substep_error(tled.d_frame->whole * step, step, change, sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
 }
 
 /* Dynamic relaxation: the acceleration is kept, and what tells how much to damp: sums of load, stiffness, inertia. */
@@ -201,11 +201,12 @@ __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tle
         if (is_last_block(tled.d_outcome)) choose_damping(tled, scratch[0]);
         return;
     }
-    const bool told = step >= substeps - 2;
+    const int32_t left = tled.d_frame->whole - tled.d_frame->made - step;
+    const bool told = left <= 2;
     if (told) sums[2] = error_of_component(tled, at, acceleration, at.moves ? tled.d_d[1 - from][3 * (size_t)at.n + at.k] : 0);
     acceleration = move_component(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
     if (!told) return;
-    const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, step == substeps - 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE};
+    const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE};
     if (at.moves && at.node.held == 0) sums[1] = acceleration * acceleration / at.node.inverse_mass;
     add_up(tled.d_sums, slots, sums, scratch);
 }
@@ -310,7 +311,9 @@ __global__ void finish_kernel(const gpu_tled tled)
         for (int k = 0; k < 3; k++) {
             const double u = tled.d_u[from][4 * (size_t)n + k];
             tled.d_u[0][4 * (size_t)n + k] = u;
-            tled.d_d[0][3 * (size_t)n + k] = tled.d_d[from][3 * (size_t)n + k];
+            const double d = tled.d_d[from][3 * (size_t)n + k], older = tled.d_d[1 - from][3 * (size_t)n + k];
+            tled.d_d[0][3 * (size_t)n + k] = d;
+            tled.d_d[1][3 * (size_t)n + k] = older; /* for the error, where a part begins */
             tled.d_packed_u[3 * (size_t)n + k] = u;
             tled.d_positions[3 * (size_t)n + k] = tled.d_rest[3 * (size_t)n + k] + u;
         }

@@ -107,7 +107,7 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
     gpu_outcome *outcome = tled.d_outcome;
     double *target = outcome->target[tool], *passed = outcome->passed[tool], *passed_target = outcome->passed_target[tool];
     const double old[3] = {target[0], target[1], target[2]}, none[3] = {0, 0, 0}; /* tools with a mass are the CPU's: pliant_cuda_tled_run */
-    pliant_substep_approach(target, hold.goal, parts, frame->reach);
+    pliant_substep_approach(target, hold.goal, parts + hold.later, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
     double stiffness = spring ? hold.stiffness : 0, damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
     double gap[3], older[3], pushed[3] = {0, 0, 0};

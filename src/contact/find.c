@@ -12,6 +12,7 @@ static const double comes_by = 0.3; /* cosine of how far the nearest normal of a
 static const double aslant = -0.7; /* cosine likewise, above which a part that is deepest in the middle of a triangle meets it with an edge or a corner */
 static const double deep = 0.3, same_way = 0.7; /* of a part's depth, below which another side may be nearer than that which tissue came in by; cosine between the two */
 static const double behind = 0.25; /* cosine between the part's normal and the tissue's, beyond which the part is behind the surface */
+static const double skew = 0.1; /* cosine between the part's normal and the tissue's, of a flat surface over -1, from which on a part comes by at its side */
 
 /* ---- features of the triangles near a part */
 
@@ -66,6 +67,27 @@ static void cross_of(const double *at, const int32_t *nodes, double out[3])
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* of triangles: 1 */
+static void find_flatness(const pliant_search *on)
+{
+    pliant_finder *finder = on->finder;
+    for (int32_t t = 0; t < on->triangles; t++) {
+        pliant_feature *face = finder->face + t;
+        const double area = sqrt(dot(face->outwards, face->outwards));
+        face->flat = 1;
+        for (int v = 0; v < 3; v++) {
+            finder->node[finder->slot[face->node[v]]].flat += area;
+            finder->edge[finder->edge_of[3 * t + v]].flat += area;
+        }
+    }
+    for (int32_t n = 0; n < on->nodes + on->edges; n++) {
+        pliant_feature *of = n < on->nodes ? finder->node + n : finder->edge + (n - on->nodes);
+        of->flat = of->flat > 0 ? sqrt(dot(of->outwards, of->outwards)) / of->flat : 0;
+    }
+}
+
 void pliant_search_gather(pliant_search *on)
 {
     pliant_finder *finder = on->finder;
@@ -98,6 +120,7 @@ void pliant_search_gather(pliant_search *on)
             add(finder->edge[found - order].outwards, face->outwards);
         }
     }
+    if (on->part->briefly) find_flatness(on);
 }
 
 /* ---- where a part meets a feature */
@@ -106,8 +129,6 @@ uint64_t pliant_search_key(const pliant_moving_part *part)
 {
     return part->kind == PLIANT_OBSTACLE_TOOL ? (uint64_t)(PLIANT_MAX_PARTS * part->tool + part->index) : 128 + (uint64_t)part->index;
 }
-
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static bool is_held(const pliant_moving_part *part, int32_t node)
 {
@@ -191,6 +212,14 @@ bool pliant_search_is_behind(const pliant_feature *of, const double world[3])
     return dot(world, of->outwards) > behind * sqrt(dot(of->outwards, of->outwards));
 }
 
+/* Whether the part has the feature at its side, and not before it, by a normal of the part there. Where steps are taken in parts it has come no further than that, and the tissue's own
+ * normal says which way is out; the more of an edge or a corner a feature is, the further round parts may meet it. */
+static bool comes_aside(const pliant_search *on, const pliant_feature *of, const double world[3])
+{
+    const double area = sqrt(dot(of->outwards, of->outwards));
+    return on->part->briefly && area > 0 && dot(world, of->outwards) > (skew - of->flat) * area;
+}
+
 /* The part meets the feature in a pose: from there on, the tissue stays on this side. false: the part leaves it, or is behind the surface: *through. */
 static bool meet(const pliant_search *on, pliant_feature *of, int32_t p, double distance, double normal[3], bool *through)
 {
@@ -207,10 +236,13 @@ static bool meet(const pliant_search *on, pliant_feature *of, int32_t p, double 
     const bool on_its_way = p < part->num_poses - 1; /* the tissue's own normal counts then */
     const bool sharp = on_its_way && is_inside(of) && distance < 0 && dot(world, of->outwards) > aslant * area;
     const bool nowhere = dot(normal, normal) < 0.5 || sharp || pliant_search_is_flush(of, distance, world);
-    if (known && distance < 0 && (nowhere || pliant_search_misleads(on, distance, dot(normal, kept)))) {
+    const bool aside = comes_aside(on, of, world);
+    if (aside && distance > 0 && of->count < 3) return false;
+    const bool astray = aside && distance < 0 && (known || !pliant_search_is_behind(of, world));
+    if (!astray && known && distance < 0 && (nowhere || pliant_search_misleads(on, distance, dot(normal, kept)))) {
         memcpy(normal, kept, sizeof kept);
         pliant_part_leave(part->part, local, normal, place);
-    } else if (nowhere) {
+    } else if (astray || nowhere) {
         if (area == 0) return false;
         pliant_pose_turn_back(pose, of->outwards, normal);
         for (int d = 0; d < 3; d++) normal[d] /= -area;
@@ -389,6 +421,7 @@ void pliant_search_write(const pliant_search *on, const pliant_feature *of, plia
     for (int32_t k = 0; k < of->count; k++) {
         out->node[k] = keep->node[k] = of->node[k];
         out->weight[k] = keep->weight[k] = of->weight[k];
+        if (on->part->briefly && of->gap > still_deep) continue; /* it does not touch yet */
         pliant_side *next = finder->next + finder->num_next++;
         next->pressed = false;
         next->key = pliant_side_key(on->part_key, of->node[k]);

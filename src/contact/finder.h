@@ -14,6 +14,7 @@ typedef struct pliant_feature {
     uint64_t key;
     int32_t count, node[3];
     double outwards[3];     /* of the tissue; twice the area of its triangles */
+    double flat;            /* length of that, over twice the sum of their areas: 1 where they lie in a plane; of parts of a frame alone */
     double way;             /* how far it goes in the step, as the part sees it; of what passes alone [m] */
     double gap;             /* as the step ends, if the tissue stays where it is [m]; INFINITY: it is left out */
     bool touches;

@@ -144,7 +144,8 @@ static pliant_status add_part(const pliant_model *model, const pliant_data *data
     search->first[search->num_parts] = search->num_poses;
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovered(model, data), .remembers = goes_on || tissue_way > 0,
+        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovered(model, data), .briefly = data->tled && pliant_tled_in_parts(data->tled),
+        .remembers = goes_on || tissue_way > 0,
         .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held,
     };
     search->num_poses += poses;
@@ -162,29 +163,37 @@ static pliant_status add_obstacle(const pliant_model *model, const pliant_data *
     for (int32_t n = 0; n < poses; n++) search->pose[search->num_poses++] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = base_margin + tissue_way, .recovery = recovered(model, data), .remembers = true,
+        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = base_margin + tissue_way, .recovery = recovered(model, data),
+        .briefly = data->tled && pliant_tled_in_parts(data->tled), .remembers = true,
     };
     return PLIANT_OK;
 }
 
-static pliant_status add_obstacles(const pliant_model *model, const pliant_data *data, double tissue_way)
+/* The scene's, but for shapes. @return how many */
+static int32_t obstacles_of(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED])
 {
-    pliant_contact_search *search = data->contact_search;
     const pliant_regions *regions = &model->scene.obstacles;
-    pliant_status status = PLIANT_OK;
     int32_t count = 0;
     for (uint32_t b = 0; b < regions->num_boxes; b++) {
-        pliant_part *part = search->obstacle + count++;
+        pliant_part *part = out + count++;
         *part = (pliant_part){.kind = PLIANT_PART_BOX};
         memcpy(part->from, regions->boxes[b].low, sizeof part->from);
         memcpy(part->to, regions->boxes[b].high, sizeof part->to);
     }
     for (uint32_t p = 0; p < regions->num_planes; p++) {
-        pliant_part *part = search->obstacle + count++;
+        pliant_part *part = out + count++;
         *part = (pliant_part){.kind = PLIANT_PART_HALF_SPACE};
         memcpy(part->from, regions->planes[p].point, sizeof part->from);
         memcpy(part->to, regions->planes[p].normal, sizeof part->to);
     }
+    return count;
+}
+
+static pliant_status add_obstacles(const pliant_model *model, const pliant_data *data, double tissue_way)
+{
+    pliant_contact_search *search = data->contact_search;
+    const int32_t count = obstacles_of(model, search->obstacle);
+    pliant_status status = PLIANT_OK;
     for (int32_t n = 0; n < count + model->obstacles.num_parts && status == PLIANT_OK; n++)
         status = add_obstacle(model, data, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, tissue_way);
     return status;
@@ -343,6 +352,54 @@ bool pliant_contact_presses(const pliant_data *data)
     bool any = false;
     for (int32_t n = 0; n < data->contacts.count && !any; n++) any = data->contacts.point[n].begun;
     return any;
+}
+
+/* How far no point of the tool is from its tip [m] */
+static double reach_of(const pliant_tool *tool)
+{
+    const double origin[3] = {0, 0, 0};
+    double reach = 0;
+    for (int32_t p = 0; p < tool->shape.num_parts; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        const bool turns = part->frame != PLIANT_FRAME_TIP;
+        reach = fmax(reach, turns ? distance(tool->shape.joint, origin) + pliant_part_reach(part, tool->shape.joint) : pliant_part_reach(part, origin));
+    }
+    return reach;
+}
+
+/* The farthest that a node goes that can come so near to the tip [m] */
+static double way_near(const pliant_data *data, const double *tip, double near, const double *increment, int32_t times)
+{
+    double most = 0;
+    for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+        const double *x = data->positions + 3 * (size_t)n, *d = increment + 3 * (size_t)n, way = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        if (way > most && distance(x, tip) <= near + way) most = way;
+    }
+    return most;
+}
+
+double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times)
+{
+    pliant_part obstacle[2 * PLIANT_MAX_FIXED];
+    double deeps = 0, centre[3];
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        const bool goes_on = pliant_contact_goes_on(model, tool);
+        if (!tool->present || tool->shape.num_parts == 0) continue;
+        double farthest = 0;
+        for (int32_t p = 0; goes_on && p < tool->shape.num_parts; p++) farthest = fmax(farthest, way_of(tool, tool->shape.part + p));
+        const double tissue = way_near(data, tool->tip, reach_of(tool) + farthest + base_margin, increment, times);
+        for (int32_t p = 0; p < tool->shape.num_parts; p++)
+            deeps = fmax(deeps, ((goes_on ? way_of(tool, tool->shape.part + p) : 0) + tissue) / pliant_part_depth(tool->shape.part + p));
+    }
+    for (int32_t n = 0, count = obstacles_of(model, obstacle); n < count + model->obstacles.num_parts; n++) {
+        const pliant_part *part = n < count ? obstacle + n : model->obstacles.part + (n - count);
+        const double depth = pliant_part_depth(part);
+        if (!(depth < INFINITY)) continue;
+        for (int d = 0; d < 3; d++) centre[d] = 0.5 * (part->from[d] + part->to[d]);
+        deeps = fmax(deeps, way_near(data, centre, pliant_part_reach(part, centre) + base_margin, increment, times) / depth);
+    }
+    return deeps;
 }
 
 /* ---- once a step is solved */

@@ -14,6 +14,8 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 bool pliant_contact_goes_on(const pliant_model *model, const pliant_tool *tool);
 /* Whether any tool with a shape goes further in this step than half of an element. */
 bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data);
+/* Over parts of tools and obstacles, the most of how far one and the tissue near it go in this step, over its depth; every node goes on by its increment (nodes x 3) so many times [m]. */
+double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);
 /* Whether there are parts that tissue may pass in this step: pliant_contact_passed has to be asked. */
 bool pliant_contact_may_pass(const pliant_data *data);
 /* A quasi-static step is solved, and its positions are the host's: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points now, with which it is solved

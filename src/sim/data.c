@@ -9,10 +9,11 @@
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "sim/contact.h"
-#include "sim/substeps.h"
 #include "sim/cut.h"
 #include "sim/discretization.h"
+#include "sim/frame_parts.h"
 #include "sim/held.h"
+#include "sim/substeps.h"
 
 #include <string.h>
 
@@ -78,6 +79,7 @@ void pliant_data_free(pliant_data *data)
     pliant_body_release(data->body);
     pliant_contact_free(data);
     pliant_substeps_free(data);
+    pliant_frame_parts_free(data);
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);

@@ -10,6 +10,7 @@
 #include "pliant/memory.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
+#include "sim/frame_parts.h"
 #include "sim/held.h"
 #include "sim/substeps.h"
 #include "warp/device.h"
@@ -212,7 +213,8 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) {
         const pliant_backend *backend = data->backend;
         if (stage == PLIANT_STEP_contact && parts->at == 0) pliant_substeps_begin(model, data, parts);
-        bool wrong = false;
+        if (stage == PLIANT_STEP_contact) pliant_frame_part_begin(model, data);
+        bool wrong = false, more = false;
         const bool goes_on = !whole && stage >= PLIANT_STEP_contact && stage <= PLIANT_STEP_upsample;
         if (goes_on) take_no_more(data);
         pliant_status status = run_stage(model, data, stage, goes_on);
@@ -227,8 +229,9 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         if (status < 0) return status;
         if (status > 0) *caveat = status;
         if (stage != PLIANT_STEP_upsample) continue;
+        if ((status = pliant_frame_part_end(data, &more)) < 0) return status;
         if (wrong && (status = pliant_substeps_again(model, data, parts)) < 0) return status;
-        if (wrong || pliant_substeps_next(model, data, parts)) {
+        if (wrong || more || pliant_substeps_next(model, data, parts)) {
             whole = false;
             *caveat = PLIANT_OK; /* that of the last part counts */
             stage = PLIANT_STEP_contact - 1;
@@ -245,6 +248,7 @@ static pliant_status step(const pliant_model *model, pliant_data *data)
     const pliant_status status = run_stages(model, data, &parts, &caveat);
     if (status < 0) {
         pliant_substeps_undo(model, data, &parts);
+        if (parts.at > 0) pliant_frame_undo(model, data);
         data->statistics.failed++;
         return status;
     }

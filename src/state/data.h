@@ -124,8 +124,9 @@ struct pliant_data {
     /* CONTACT, SOLVE */
     pliant_contact_search *contact_search; /* Nullable: there was nothing to touch yet */
     pliant_contacts contacts; /* of this step: points by who finds them, forces by who solves */
-    int32_t parts;            /* that this step is taken in; each has its points (sim/substeps.h) */
+    int32_t parts;            /* that this step is taken in, or as many as would be like this one; each has its points (sim/substeps.h, sim/frame_parts.h) */
     struct pliant_step_begin *step_begin; /* Nullable: what the last step began with in which a tool went far (sim/substeps.c) */
+    struct pliant_frame_begin *frame_begin; /* Nullable: what the last frame of explicit dynamics began with that was run in parts (sim/frame_parts.c) */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */
     pliant_tled *tled;        /* Nullable: solver/kind tled */

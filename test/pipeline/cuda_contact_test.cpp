@@ -203,9 +203,11 @@ struct Fall : Body {
         pliant_tool_add(model, data, "ball", &tool);
         return pliant_tool_set_shape(data, tool, &shape);
     }
+    bool strikes = false;
     pliant_status step(int s)
     {
-        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), tip[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
+        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), slow[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
+        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)}, *tip = strikes ? fast : slow; // 0.9 m/s
         EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
         return pliant_step(model, data);
     }
@@ -214,14 +216,19 @@ struct Fall : Body {
 TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
 {
     NEEDS_GPU();
-    struct { const char *name; int blocks; bool self, still; double bound; } runs[] = {
-        {"a block falls and is pressed", 1, false, false, 1e-4}, {"blocks on each other", 2, true, false, 1e-3}, {"relaxation", 1, false, true, 1e-2}};
+    struct { const char *name; int blocks; bool self, still, strikes; double bound; } runs[] = {
+        {"a block falls and is pressed", 1, false, false, false, 1e-4}, {"blocks on each other", 2, true, false, false, 1e-3}, {"relaxation", 1, false, true, false, 1e-2},
+        {"a block is struck", 1, false, false, true, 1e-4}};
     for (const auto &run : runs) {
         SCOPED_TRACE(run.name);
         Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA), again(run.blocks, run.self, run.still, PLIANT_CUDA);
         double force = 0, apart = 0, worst = 0, first = 0;
         int32_t most = 0;
-        for (Fall *body : {&cpu, &gpu, &again}) ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
+        for (Fall *body : {&cpu, &gpu, &again}) {
+            body->strikes = run.strikes;
+            ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
+        }
+        int32_t parts = 1;
         for (int s = 1; s <= 14; s++) {
             for (Fall *body : {&cpu, &gpu, &again}) ASSERT_GE(body->step(s), 0) << pliant_last_error();
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
@@ -229,6 +236,8 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
             forces_of(cpu.data, here);
             forces_of(gpu.data, there);
             most = std::max(most, gpu.data->statistics.contacts);
+            ASSERT_EQ(gpu.data->parts, cpu.data->parts) << s;
+            parts = std::max(parts, gpu.data->parts);
             for (int d = 0; d < 3; d++) {
                 force = std::fmax(force, std::fabs(here[d]));
                 apart = std::fmax(apart, std::fabs(here[d] - there[d]));
@@ -240,6 +249,7 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
         std::printf("%-30s %3d contacts, forces %.1e of %.2g N apart (%.1e in the first half), positions %.1e of %.1f mm\n", run.name, most, apart / force, force, first,
                     worst / moved, 1e3 * moved);
         EXPECT_GT(most, 3);
+        EXPECT_EQ(parts > 1, run.strikes);
         EXPECT_LT(apart, run.bound * force);
         EXPECT_LT(worst, run.bound * moved);
         EXPECT_EQ(std::memcmp(gpu.data->positions, again.data->positions, 3 * sizeof(double) * static_cast<size_t>(gpu.model->body->fine.num_nodes)), 0);

@@ -7,7 +7,7 @@
 
 // A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
 struct Sheet : Body {
-    explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR) : Body(size, box, {{4000, 0.4, 1000, false}})
+    explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR, bool dynamic = false) : Body(size, box, {{4000, 0.4, 1000, false}})
     {
         fix_plane(0.001, 0, 0, 1, 0, 0);
         fix_plane(0.059, 0, 0, -1, 0, 0);
@@ -18,6 +18,7 @@ struct Sheet : Body {
         scene.solver.budget_ms = budget_ms;
         scene.contact.friction = friction;
         scene.element.kind = element;
+        if (dynamic) scene.solver.kind = PLIANT_TLED;
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
     }
     int add(const char *name, const pliant_tool_shape &shape, double x, double y, double z)

@@ -1,79 +1,11 @@
 // Nothing passes through tissue at 1 m/s, whatever it is and wherever it goes: it carries the tissue along.
-#include "sheet.h"
-#include "solids.h"
+#include "sweeps.h"
 
 #include "pliant/memory.h"
 
-#include <cstdlib>
-#include <random>
 #include <vector>
 
 namespace {
-
-// Of steps: until they are solved, within a budget, or live; of which elements.
-struct Mode {
-    double budget_ms = 0;
-    bool live = false;
-    pliant_element_kind element = PLIANT_LINEAR;
-};
-
-// A tool and its way into the sheet.
-struct Way {
-    pliant_part part;
-    double from[3], way[3], rotation[4], friction;
-    double beyond; // the sheet's middle [m]
-    double speed = 1; // [m/s]
-    double stride() const { return 0.02 * speed; }
-    int steps() const { return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / stride())); }
-};
-
-// What comes of it, at 1 m/s 20 mm a step, and four steps of rest.
-struct Swept {
-    double deepest, carried; // of points of the surface in the tool; the farthest that a node has gone
-    int inside;              // points of the tool's middle that lie in a tetrahedron
-    int turned;              // elements that are inside out
-    bool meets_held;         // on its way it is in a side of the sheet that is held where it is: tissue cannot make way there, whatever is done
-};
-
-void move(Sheet &sheet, int tool, const Way &on, int step)
-{
-    const double share = std::min(1.0, static_cast<double>(step) / on.steps());
-    sheet.move(tool, on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2], on.rotation);
-}
-
-pliant_tool_shape shape_of(const pliant_part &part)
-{
-    pliant_tool_shape shape{};
-    shape.num_parts = 1;
-    shape.part[0] = part;
-    return shape;
-}
-
-// On the way of a step, by quarters of the tool's depth: a side of 4 mm that is held lies between the poses of two steps otherwise.
-bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step)
-{
-    const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
-    for (int n = 0; n <= poses; n++) {
-        double tip[3];
-        for (int d = 0; d < 3; d++) tip[d] = on.from[d] + std::min(1.0, std::max(0.0, step - 1 + static_cast<double>(n) / poses) / on.steps()) * on.way[d];
-        if (sheet.is_in_what_is_held(tool, tip)) return true;
-    }
-    return false;
-}
-
-Swept sweep(const Way &on, Mode mode = {})
-{
-    Sheet sheet(1, on.friction, mode.budget_ms, mode.element);
-    const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-    bool meets_held = false;
-    if (mode.live) EXPECT_EQ(pliant_data_set_background(sheet.data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
-    for (int step = 0; step < on.steps() + 4; step++) {
-        move(sheet, tool, on, step);
-        meets_held = meets_held || comes_by_what_is_held(sheet, tool, on, step);
-        EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
-    }
-    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), sheet.turned(), meets_held};
-}
 
 // A thin and a thick rod carry the sheet along that they would jump over, wherever between its nodes they meet it, and however little holds it on them.
 TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
@@ -86,69 +18,6 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
             EXPECT_LT(swept.deepest, 1e-4) << radius << " at " << from[0];
             EXPECT_EQ(swept.inside, 0) << radius << " at " << from[0];
         }
-}
-
-int number_from(const char *name, int otherwise)
-{
-    const char *const asked = std::getenv(name);
-    return asked ? std::atoi(asked) : otherwise;
-}
-
-// Needles, rods, balls, blades, and rods with flat ends as fields and as hulls, as they come.
-class Sweeps {
-public:
-    Sweeps()
-    {
-        for (const bool convex : {false, true}) {
-            pliant_solid_options options{};
-            options.convex = convex;
-            options.resolution = 3e-4;
-            EXPECT_EQ(rod_surface(0.0008, 0.02).make(options, &solid[convex]), PLIANT_OK) << pliant_last_error();
-        }
-    }
-    ~Sweeps()
-    {
-        for (const pliant_solid *each : solid) pliant_solid_release(each);
-    }
-    Way next()
-    {
-        const pliant_part parts[] = {
-            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0005, false}, {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0.1}, 0.0042, false},
-            {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, 0.0005, false}, {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.002, false},
-            {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.01, -0.0005, 0}, {0.01, 0.0005, 0.05}, 0, false},
-            {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[0]}, {PLIANT_PART_SOLID, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0, false, solid[1]},
-        };
-        const bool lies = number++ % 7 == 2;
-        const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
-        const double across = 0.15 * std::cos(about); // of a rod along the sheet's free way: what is fixed is not swept
-        const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (lies ? 0.05 : 0.012);
-        Way out = {parts[(number - 1) % 7], {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)}, {}, {}, 0, beyond};
-        out.way[0] = random(-0.005, 0.005);
-        out.way[1] = random(-0.005, 0.005);
-        out.way[2] = -side * (clear + beyond);
-        out.rotation[0] = std::sin(lies ? across : half) * (lies ? 1 : std::cos(about));
-        out.rotation[1] = lies ? 0 : std::sin(half) * std::sin(about);
-        out.rotation[3] = std::cos(lies ? across : half);
-        out.friction = random(0.05, 0.4);
-        return out;
-    }
-    Way at(int n)
-    {
-        while (number < n) next();
-        return next();
-    }
-
-private:
-    double random(double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); }
-    std::mt19937 engine{5};
-    pliant_solid *solid[2] = {};
-    int number = 0;
-};
-
-// It is in tissue, or the surface reaches its middle, or the sheet has not gone along, or has gone who knows where.
-bool is_through(const Swept &swept, const Way &on)
-{
-    return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * on.beyond || !(swept.carried < 0.1);
 }
 
 // Whatever it is, wherever it goes. PLIANT_SWEEPS: up to this number, in place of 14; PLIANT_SWEEPS_FIRST: from this one on, so that several processes share them (0 and 625, 625 and

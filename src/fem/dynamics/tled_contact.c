@@ -75,7 +75,7 @@ static bool is_free(const pliant_tled *tled, const pliant_contact_point *point)
 
 double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made)
 {
-    const pliant_touch_time time = pliant_touch_time_of(tled->system->quasi_static, factor, tled->substeps, made);
+    const pliant_touch_time time = pliant_touch_time_of(tled->system->quasi_static, factor, pliant_tled_part_steps(tled), made);
     const pliant_touch_nodes nodes = {.rest = tled->system->mesh->rest, .inverse_mass = tled->inverse_mass, .u = tled->u, .d = tled->d, .acceleration = tled->acceleration};
     double load = 0;
     search_overlaps(tled);

@@ -143,6 +143,7 @@ static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double q
 /* All threads run this, up to a sub-step of the frame; what they decide on is the same for all. */
 static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first, int32_t end, double *tool_load)
 {
+    const int32_t part = pliant_tled_part_steps(tled), frame = tled->substeps - tled->made;
     const pliant_tled_system *system = tled->system;
     const int32_t chunks = (system->mesh->num_nodes + PLIANT_CHUNK - 1) / PLIANT_CHUNK;
     const bool still = system->quasi_static, acted = held || pliant_tled_touches(tled);
@@ -154,19 +155,19 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         pliant_tled_element_forces(tled, tled->time_step);
         if (still) {
 #pragma omp for schedule(static)
-            for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, tools, num_tools, tled->substeps - result.steps, chunk);
+            for (int32_t chunk = 0; chunk < chunks; chunk++) accelerate(tled, tools, num_tools, frame - result.steps, chunk);
             rule = pliant_tled_scheme_of(1, 2 * lowest_frequency(tled, chunks, quotient));
         }
 #pragma omp for schedule(static)
         for (int32_t chunk = 0; chunk < chunks; chunk++) {
-            if (!still) accelerate(tled, tools, num_tools, tled->substeps - result.steps, chunk);
+            if (!still) accelerate(tled, tools, num_tools, frame - result.steps, chunk);
             advance(tled, rule, chunk);
             if (!acted) settle(tled, rule, chunk);
         }
         if (acted) {
 #pragma omp single
             {
-                *tool_load = held ? pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : tled->substeps - result.steps) : 0;
+                *tool_load = held ? pliant_tled_pull(tled, tools, num_tools, rule.factor, still ? 1 : part - result.steps) : 0;
                 if (pliant_tled_touches(tled)) *tool_load += pliant_tled_touch_all(tled, rule.factor, result.steps);
             }
 #pragma omp for schedule(static)
@@ -241,11 +242,12 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
     pliant_status status = pliant_tled_touch_begin(tled);
     if (status != PLIANT_OK) return status;
     keep(tled, false);
+    const int32_t part = pliant_tled_part_steps(tled);
     pliant_tled_frame done = {.sound = true};
-    while (tled->slowing.status == PLIANT_OK && done.sound && !done.settled && done.steps < tled->substeps) {
+    while (tled->slowing.status == PLIANT_OK && done.sound && !done.settled && done.steps < part) {
         const int all = choose_pace(tled);
         const bool trial = tled->pace.trying || tled->pace.seconds[all] == 0;
-        const int32_t first = done.steps, most = trial ? TRIAL : BURST, end = tled->substeps - first > most ? first + most : tled->substeps;
+        const int32_t first = done.steps, most = trial ? TRIAL : BURST, end = part - first > most ? first + most : part;
         const double start = pliant_seconds();
 #pragma omp parallel num_threads(all ? tled->system->num_threads : 1)
         {
@@ -263,6 +265,9 @@ static pliant_status run_frame(void *with, pliant_tled *tled, pliant_tool *tools
 static void halve(pliant_tled *tled)
 {
     tled->substeps *= 2;
+    tled->made *= 2;
+    tled->part *= 2;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) tled->later[t] *= 2;
     tled->time_step *= 0.5;
     tled->halvings++;
     for (int32_t n = 0; n < 3 * tled->system->mesh->num_nodes; n++) tled->d[n] *= 0.5;
@@ -275,6 +280,18 @@ static pliant_status diverged(const pliant_tled *tled, int32_t steps)
                        "tled diverged in sub-step %d of %d: a node moved faster than sound. Time step %.3g s; at rest at most %.3g s is "
                        "stable (tled/safety %g). The state before the step is kept",
                        steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
+}
+
+/* kept: the tools' forces of the parts before */
+static void end_part(pliant_tled *tled, const pliant_tled_frame *frame, pliant_tool *tools, int num_tools, double (*kept)[3], pliant_statistics *statistics)
+{
+    statistics->residual = frame->residual;
+    if (tled->made == 0) statistics->error_before = statistics->error;
+    statistics->error = frame->error;
+    for (int t = 0; t < num_tools && !tled->system->quasi_static; t++)
+        for (int k = 0; k < 3; k++) tools[t].force[k] = (tools[t].force[k] + tled->made * (tled->made > 0 ? kept[t][k] : 0)) / (tled->made + frame->steps);
+    pliant_tled_touch_end(tled, frame->steps, statistics);
+    tled->made = tled->made + frame->steps < tled->substeps && !tled->system->quasi_static ? tled->made + frame->steps : 0;
 }
 
 pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_tled *tled, pliant_tool *tools, int num_tools,
@@ -291,12 +308,7 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
         if (status != PLIANT_OK) break;
         statistics->iterations = frame.steps;
         if (frame.sound) {
-            statistics->residual = frame.residual;
-            statistics->error_before = statistics->error;
-            statistics->error = frame.error;
-            for (int t = 0; t < num_tools && !system->quasi_static; t++)
-                for (int k = 0; k < 3; k++) tools[t].force[k] /= frame.steps;
-            pliant_tled_touch_end(tled, frame.steps, statistics);
+            end_part(tled, &frame, tools, num_tools, kept_forces, statistics);
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
         if (system->quasi_static) pliant_tled_stop_motion(tled);

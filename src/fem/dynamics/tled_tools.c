@@ -120,7 +120,7 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
     for (int i = 0; i < count; i++) {
         const pliant_tool *tool = pulls[i].tool;
         for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
-        matrix[i][i] += set_gap(tled, tool, pulls[i].index, parts, matrix[i][i], force[i]);
+        matrix[i][i] += set_gap(tled, tool, pulls[i].index, parts + tled->later[pulls[i].index], matrix[i][i], force[i]);
     }
     tled->passed_step = tled->time_step;
     pliant_substep_forces(count, matrix, force);

@@ -1,0 +1,224 @@
+#include "sim/frame_parts.h"
+
+#include "backend/backend.h"
+#include "base/rotate.h"
+#include "contact/find.h"
+#include "fem/dynamics/tled.h"
+#include "pliant/memory.h"
+#include "sim/contact.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double each = 0.5; /* of a tool's part's depth: so far it and the tissue may go in a part of a frame, together */
+
+/* What a frame began with, of the stages from contact to upsample; and what its parts have told. */
+struct pliant_frame_begin {
+    bool kept;                       /* the frame is run in parts */
+    int32_t room_nodes, room_blocks;
+    double *positions, *u, *d;       /* (nodes x 3) */
+    float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* (blocks) */
+    double target[PLIANT_MAX_TOOLS][3], passed[PLIANT_MAX_TOOLS][3], passed_target[PLIANT_MAX_TOOLS][3], passed_step;
+    int32_t substeps;
+    pliant_tool tools[PLIANT_MAX_TOOLS]; /* what they point to is the simulation's */
+    pliant_data contact;             /* points, and what the search knows; nothing else in it */
+    pliant_contacts told, merged;    /* forces times the share of the frame [N]; room for the next ones */
+};
+
+/* false: there is no memory for it */
+static bool reserve(struct pliant_frame_begin *begin, int32_t nodes, int32_t blocks)
+{
+    double **const rooms[] = {&begin->positions, &begin->u, &begin->d};
+    for (int r = 0; r < 3 && nodes > begin->room_nodes; r++) {
+        double *made = pliant_resize(*rooms[r], (size_t)nodes, 3 * sizeof *made);
+        if (!made) return false;
+        *rooms[r] = made;
+    }
+    if (nodes > begin->room_nodes) begin->room_nodes = nodes;
+    if (blocks <= begin->room_blocks) return true;
+    void *made = pliant_resize(begin->memory, (size_t)blocks, sizeof *begin->memory);
+    if (!made) return false;
+    begin->memory = made;
+    begin->room_blocks = blocks;
+    return true;
+}
+
+/* false: there is no memory for it */
+static bool keep(pliant_data *data)
+{
+    const pliant_tled *tled = data->tled;
+    const size_t nodes = (size_t)data->body->fine.num_nodes, blocks = tled->memory ? (size_t)pliant_tled_blocks(tled->system) : 0;
+    if (!data->frame_begin && !(data->frame_begin = pliant_calloc(1, sizeof *data->frame_begin))) return false;
+    struct pliant_frame_begin *begin = data->frame_begin;
+    if (!reserve(begin, (int32_t)nodes, (int32_t)blocks) || pliant_contact_copy(data, &begin->contact) != PLIANT_OK) return false;
+    memcpy(begin->positions, data->positions, 3 * nodes * sizeof *data->positions);
+    memcpy(begin->u, tled->u, 3 * nodes * sizeof *tled->u);
+    memcpy(begin->d, tled->d, 3 * nodes * sizeof *tled->d);
+    if (blocks > 0) memcpy(begin->memory, tled->memory, blocks * sizeof *tled->memory);
+    memcpy(begin->target, tled->target, sizeof begin->target);
+    memcpy(begin->passed, tled->passed, sizeof begin->passed);
+    memcpy(begin->passed_target, tled->passed_target, sizeof begin->passed_target);
+    begin->passed_step = tled->passed_step;
+    begin->substeps = tled->substeps;
+    memcpy(begin->tools, data->tools, sizeof begin->tools);
+    begin->told.count = 0;
+    return true;
+}
+
+/* The next frame begins, and is run as a whole unless it is said otherwise. */
+static void begin_anew(pliant_tled *tled)
+{
+    tled->made = tled->part = 0;
+    memset(tled->later, 0, sizeof tled->later);
+}
+
+void pliant_frame_undo(const pliant_model *model, pliant_data *data)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    pliant_tled *tled = data->tled;
+    data->parts = 1;
+    if (!begin || !begin->kept) return;
+    const size_t nodes = (size_t)data->body->fine.num_nodes;
+    begin->kept = false;
+    memcpy(data->positions, begin->positions, 3 * nodes * sizeof *data->positions);
+    memcpy(tled->u, begin->u, 3 * nodes * sizeof *tled->u);
+    memcpy(tled->d, begin->d, 3 * nodes * sizeof *tled->d);
+    if (tled->memory) memcpy(tled->memory, begin->memory, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
+    memcpy(tled->target, begin->target, sizeof tled->target);
+    memcpy(tled->passed, begin->passed, sizeof tled->passed);
+    memcpy(tled->passed_target, begin->passed_target, sizeof tled->passed_target);
+    tled->passed_step = begin->passed_step;
+    begin_anew(tled);
+    for (size_t n = 0; n < 3 * nodes; n++) tled->d[n] *= (double)begin->substeps / tled->substeps; /* sub-steps may have been halved on the way */
+    memcpy(data->tools, begin->tools, sizeof begin->tools);
+    (void)pliant_contact_copy(&begin->contact, data);
+    (void)pliant_backend_restart(model, data);
+}
+
+/* Tools to where they are after so many sub-steps of the frame. Those that have jumped are there at once, but what they hold is pulled there over the frame. */
+static void go(const pliant_model *model, pliant_data *data, int32_t done)
+{
+    const double share = (double)done / data->tled->substeps;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *end = data->frame_begin->tools + t; /* where it was set to, and from where */
+        pliant_tool *tool = data->tools + t;
+        memcpy(tool->tip, end->tip, sizeof tool->tip);
+        memcpy(tool->rotation, end->rotation, sizeof tool->rotation);
+        tool->jaw = end->jaw;
+        data->tled->later[t] = 0;
+        if (end->holding && !pliant_contact_goes_on(model, end)) data->tled->later[t] = data->tled->substeps - done;
+        if (done == data->tled->substeps || !pliant_contact_goes_on(model, end)) continue;
+        for (int d = 0; d < 3; d++) tool->tip[d] = end->last.tip[d] + share * (end->tip[d] - end->last.tip[d]);
+        pliant_rotation_between(end->last.rotation, end->rotation, share, tool->rotation);
+        tool->jaw = end->last.jaw + share * (end->jaw - end->last.jaw);
+    }
+}
+
+/* Of what is left of the frame: how many sub-steps may be run with one set of points. */
+static int32_t choose_part(const pliant_model *model, pliant_data *data)
+{
+    const pliant_tled *tled = data->tled;
+    const int32_t left = tled->substeps - tled->made;
+    const double deeps = pliant_contact_deeps(model, data, tled->d, left);
+    return deeps > each ? (int32_t)fmax(floor(left * each / deeps), 1) : left;
+}
+
+void pliant_frame_part_begin(const pliant_model *model, pliant_data *data)
+{
+    pliant_tled *tled = data->tled;
+    if (!tled || tled->system->quasi_static) return;
+    struct pliant_frame_begin *begin = data->frame_begin;
+    const bool first = tled->made == 0;
+    if (first && begin) begin->kept = false;
+    if (!first) go(model, data, tled->substeps); /* how far it is from where it is now to the end */
+    tled->part = choose_part(model, data);
+    if (first && tled->part < tled->substeps && keep(data)) data->frame_begin->kept = true;
+    else if (first) begin_anew(tled);
+    data->parts = (int32_t)fmax(1, round((double)tled->substeps / pliant_tled_part_steps(tled)));
+    if (pliant_tled_in_parts(tled)) go(model, data, tled->made + tled->part);
+}
+
+static int compare(const pliant_contact_point *a, const pliant_contact_point *b) { return (a->feature > b->feature) - (a->feature < b->feature); }
+
+/* The points of a part, to those that are told; each as it was last. */
+static pliant_status add_up(const pliant_data *data, double share)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    const pliant_contacts *told = &begin->told, *now = &data->contacts;
+    pliant_contacts *out = &begin->merged;
+    if (told->count + now->count > 0) {
+        const pliant_status status = pliant_contacts_reserve(out, told->count + now->count);
+        if (status != PLIANT_OK) return status;
+    }
+    out->count = 0;
+    for (int32_t a = 0, b = 0; a < told->count || b < now->count;) {
+        const int order = a == told->count ? 1 : b == now->count ? -1 : compare(told->point + a, now->point + b);
+        pliant_contact_point *point = out->point + out->count++;
+        *point = order < 0 ? told->point[a] : now->point[b];
+        for (int d = 0; d < 3; d++) point->force[d] = (order <= 0 ? told->point[a].force[d] : 0) + (order >= 0 ? share * now->point[b].force[d] : 0);
+        if (order < 0) point->begun = false;
+        a += order <= 0;
+        b += order >= 0;
+    }
+    const pliant_contacts kept = begin->told;
+    begin->told = begin->merged;
+    begin->merged = kept;
+    return PLIANT_OK;
+}
+
+/* What has let go is where the tissue's point is: no depth is told of it. */
+static void place_at_tissue(const pliant_data *data, pliant_contact_point *point)
+{
+    for (int d = 0; d < 3; d++) {
+        point->place[d] = 0;
+        for (int32_t k = 0; k < point->count; k++) point->place[d] += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+    }
+}
+
+/* The frame's own points: forces are means over it. */
+static void tell(pliant_data *data)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    const pliant_contacts now = data->contacts;
+    int32_t n = 0;
+    data->contacts = begin->told;
+    begin->told = now;
+    data->statistics.contacts = 0;
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        pliant_contact_point *point = data->contacts.point + p;
+        while (n < now.count && now.point[n].feature < point->feature) n++;
+        if (n == now.count || now.point[n].feature != point->feature) place_at_tissue(data, point);
+        data->statistics.contacts += point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;
+    }
+}
+
+pliant_status pliant_frame_part_end(pliant_data *data, bool *more)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    *more = false;
+    if (!data->tled || !begin || !begin->kept) return PLIANT_OK;
+    *more = data->tled->made > 0;
+    const pliant_status status = add_up(data, (double)data->tled->part / data->tled->substeps);
+    if (status != PLIANT_OK) return status;
+    if (*more) {
+        pliant_contact_end(data);
+        return PLIANT_OK;
+    }
+    tell(data);
+    begin_anew(data->tled);
+    return PLIANT_OK;
+}
+
+void pliant_frame_parts_free(pliant_data *data)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    if (!begin) return;
+    pliant_contact_free(&begin->contact);
+    pliant_free(begin->told.point);
+    pliant_free(begin->merged.point);
+    pliant_free(begin->positions);
+    pliant_free(begin->u);
+    pliant_free(begin->d);
+    pliant_free(begin->memory);
+    pliant_free(begin);
+}

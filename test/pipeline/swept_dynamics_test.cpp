@@ -1,0 +1,215 @@
+// Explicit dynamics: nothing passes through tissue at 1 m/s, whatever it is and wherever it goes; frames in parts are undone, copied and played back as others are.
+#include "sweeps.h"
+
+#include "fem/dynamics/tled.h"
+#include "pliant/memory.h"
+
+#include <vector>
+
+namespace {
+
+constexpr Mode dynamic = {0, false, PLIANT_LINEAR, true};
+
+std::vector<double> positions_of(const Sheet &sheet, const pliant_data *data) { return {data->positions, data->positions + 3 * sheet.model->body->fine.num_nodes}; }
+
+// Of everything that passes where points are found once a frame. PLIANT_SWEEPS, PLIANT_SWEEPS_FIRST: as in swept_test.
+TEST(SweptDynamics, NothingIsSweptThroughTheSheet)
+{
+    const int count = number_from("PLIANT_SWEEPS", 140), first = number_from("PLIANT_SWEEPS_FIRST", 0);
+    Sweeps sweeps;
+    int through = 0, turned = 0, held = 0;
+    double deepest = 0;
+    for (int n = 0; n < count; n++) {
+        const Way on = sweeps.next();
+        if (n < first) continue;
+        const Swept swept = sweep(on, dynamic);
+        const bool passes = is_through(swept, on);
+        if (passes || swept.turned > 0)
+            std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
+                        1e3 * swept.deepest, swept.turned, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
+        std::fflush(stdout);
+        held += swept.meets_held;
+        if (swept.meets_held) continue;
+        through += passes;
+        turned += swept.turned > 0;
+        deepest = std::fmax(deepest, swept.deepest);
+    }
+    std::printf("from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", first, count, count - first - held, held, through, turned,
+                1e3 * deepest);
+    EXPECT_EQ(through, 0);
+}
+
+// A sheet that a tool goes into at 1 m/s, as one of the random sweeps.
+struct Dip {
+    explicit Dip(int number) : on(Sweeps().at(number)), sheet(1, on.friction, 0, PLIANT_LINEAR, true), tool(sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])) {}
+    int steps() const { return on.steps() + 4; }
+    pliant_status step(pliant_data *data, int number)
+    {
+        const double share = std::min(1.0, static_cast<double>(number) / on.steps());
+        const double tip[3] = {on.from[0] + share * on.way[0], on.from[1] + share * on.way[1], on.from[2] + share * on.way[2]};
+        EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, on.rotation), PLIANT_OK);
+        return pliant_step(sheet.model, data);
+    }
+    Way on;
+    Sheet sheet;
+    int tool;
+};
+
+// What a simulation goes on with: positions, speeds, the tool's force, the points of contact.
+std::vector<double> state_of(const Dip &run, const pliant_data *data)
+{
+    std::vector<double> out = positions_of(run.sheet, data);
+    out.insert(out.end(), data->tled->d, data->tled->d + out.size());
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point &point = data->contacts.point[p];
+        out.push_back(static_cast<double>(point.feature));
+        for (int d = 0; d < 3; d++) out.insert(out.end(), {point.normal[d], point.place[d], point.force[d]});
+    }
+    out.insert(out.end(), data->tools[run.tool].tip, data->tools[run.tool].tip + 3);
+    return out;
+}
+
+// Wherever memory runs out in it, a frame in parts leaves the state before it, and goes on from there to the bit as if nothing had been; or it is done.
+TEST(SweptDynamics, AFrameInPartsThatFailsIsUndone)
+{
+    const int number = 0;
+    Dip whole(number);
+    std::vector<std::vector<double>> expected;
+    for (int step = 0; step < whole.steps(); step++) {
+        ASSERT_EQ(whole.step(whole.sheet.data, step), PLIANT_OK);
+        expected.push_back(state_of(whole, whole.sheet.data));
+    }
+    ASSERT_GT(whole.sheet.data->statistics.step, 4u);
+    int failed = 0, later = 0;
+    for (int64_t calls = 0; calls < 120; calls += calls < 20 ? 1 : 4) {
+        Dip run(number);
+        int at = 0;
+        for (; at < run.on.steps(); at++) ASSERT_EQ(run.step(run.sheet.data, at), PLIANT_OK);
+        pliant_memory_fail_after(calls);
+        const pliant_status status = run.step(run.sheet.data, at);
+        pliant_memory_fail_after(-1);
+        if (status == PLIANT_OK) continue;
+        failed++;
+        ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
+        later += run.sheet.data->frame_begin != nullptr;
+        EXPECT_EQ(positions_of(run.sheet, run.sheet.data), std::vector<double>(expected[at - 1].begin(), expected[at - 1].begin() + 3 * run.sheet.model->body->fine.num_nodes)) << calls;
+        for (int d = 0; d < 3; d++) EXPECT_DOUBLE_EQ(run.sheet.data->tools[run.tool].tip[d], run.on.from[d] + run.on.way[d]) << calls;
+        for (; at < run.steps(); at++) {
+            ASSERT_EQ(run.step(run.sheet.data, at), PLIANT_OK);
+            EXPECT_EQ(state_of(run, run.sheet.data), expected[at]) << "after " << calls << " allocations, step " << at;
+        }
+    }
+    EXPECT_GT(failed, 0);
+    EXPECT_GT(later, 0); // once it was on its way
+}
+
+// The same poses lead to the same bits, from a copy in its midst, too, whether what it began with is kept there or not.
+TEST(SweptDynamics, ACopyGoesOnToTheBit)
+{
+    for (const int number : {0, 3, 4}) {
+        Dip run(number);
+        pliant_data *copy = nullptr;
+        int at = 0;
+        for (; at < run.on.steps(); at++) ASSERT_EQ(run.step(run.sheet.data, at), PLIANT_OK);
+        ASSERT_NE(run.sheet.data->frame_begin, nullptr);
+        ASSERT_EQ(pliant_data_copy(run.sheet.model, run.sheet.data, &copy), PLIANT_OK);
+        for (; at < run.steps(); at++) {
+            ASSERT_EQ(run.step(run.sheet.data, at), PLIANT_OK);
+            ASSERT_EQ(run.step(copy, at), PLIANT_OK);
+            EXPECT_EQ(state_of(run, run.sheet.data), state_of(run, copy)) << number << ", step " << at;
+        }
+        EXPECT_GT(run.sheet.farthest(), 0.004);
+        pliant_data_free(copy);
+    }
+}
+
+// What is pressed slowly is run as a whole, and keeps nothing.
+TEST(SweptDynamics, ASlowToolPaysNothing)
+{
+    Sheet sheet(1, 0.2, 0, PLIANT_LINEAR, true);
+    const int tool = sheet.add("ball", ball(0.006), 0.03, 0.03, 0.0105);
+    for (int step = 0; step < 30; step++) {
+        sheet.move(tool, 0.03, 0.03, 0.0105 - 0.0002 * step); // 10 mm/s
+        ASSERT_EQ(pliant_step(sheet.model, sheet.data), PLIANT_OK);
+        EXPECT_EQ(sheet.data->parts, 1);
+        EXPECT_EQ(static_cast<int32_t>(sheet.data->statistics.iterations), sheet.data->tled->substeps);
+    }
+    EXPECT_GT(sheet.data->statistics.contacts, 0);
+    EXPECT_EQ(sheet.data->frame_begin, nullptr);
+}
+
+// A frame has its sub-steps, in however many parts it is run, and forces are its mean: what has been pushed has what the tool gave.
+TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
+{
+    const int size[3] = {4, 4, 4};
+    const double box[3] = {0.04, 0.04, 0.04}, mass = 1000 * box[0] * box[1] * box[2], from[3] = {0.0213, 0.0187, 0.06}, speed[3] = {0.2, -0.1, -0.9};
+    Body cube(size, box, {{5000, 0.3, 1000, false}});
+    cube.cells(4, 4, 4, 1);
+    cube.scene.solver.kind = PLIANT_TLED;
+    cube.scene.solver.threads = 1;
+    cube.scene.tled.damping = 0;
+    cube.scene.contact.friction = 0.3;
+    cube.scene.ground.normal[2] = 1;
+    cube.scene.ground.point[2] = -10; // what falls is allowed
+    ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
+    const int tool = cube.add_ball(0.004);
+    double before[3] = {0, 0, 0}, pushed = 0;
+    int32_t parts = 1;
+    for (int step = 0; step < 8; step++) {
+        double tip[3], now[3] = {0, 0, 0}, force[3] = {0, 0, 0};
+        for (int d = 0; d < 3; d++) tip[d] = from[d] + step * cube.scene.solver.step * speed[d];
+        ASSERT_EQ(pliant_tool_set_pose(cube.data, tool, tip, nullptr), PLIANT_OK);
+        const int32_t halvings = cube.data->tled->halvings;
+        ASSERT_EQ(pliant_step(cube.model, cube.data), PLIANT_OK) << pliant_last_error();
+        if (cube.data->tled->halvings == halvings) EXPECT_EQ(static_cast<int32_t>(cube.data->statistics.iterations), cube.data->tled->substeps); // halved on the way: fewer
+        parts = std::max(parts, cube.data->parts);
+        const pliant_tled *tled = cube.data->tled;
+        for (int32_t i = 0; i < 3 * cube.model->body->fine.num_nodes; i++) now[i % 3] += tled->system->node_mass[i / 3] * tled->d[i] / tled->time_step;
+        for (int32_t p = 0; p < cube.data->contacts.count; p++)
+            for (int d = 0; d < 3; d++) force[d] += cube.data->contacts.point[p].force[d];
+        for (int d = 0; d < 3; d++) {
+            EXPECT_NEAR(now[d] - before[d], force[d] * cube.scene.solver.step, 1e-6 * mass) << step;
+            before[d] = now[d];
+        }
+        pushed = std::fmin(pushed, now[2] / mass);
+    }
+    EXPECT_GT(parts, 1);
+    EXPECT_LT(pushed, -0.3); // m/s
+}
+
+// What nobody does on purpose: tools that jump into tissue and out of it, that spin, that are in it from the first step on, eight at once, one that holds and jumps. Positions stay numbers, and a failed step is said.
+TEST(SweptDynamics, HostileTools)
+{
+    Sheet sheet(1, 0.3, 0, PLIANT_LINEAR, true);
+    std::vector<int> tools;
+    for (int t = 0; t < PLIANT_MAX_TOOLS - 1; t++)
+        tools.push_back(sheet.add(("t" + std::to_string(t)).c_str(), t % 2 ? ball(0.002) : rod(0.0008), 0.012 + 0.005 * t, 0.03, t < 2 ? 0.002 : 0.02));
+    const double held[3] = {0.03, 0.03, 0.004};
+    const int holds = sheet.add("forceps", pliant_tool_shape{}, held[0], held[1], held[2]);
+    ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, holds, held), PLIANT_OK) << pliant_last_error();
+    std::mt19937 engine(3);
+    const auto random = [&](double low, double high) { return low + (high - low) * std::uniform_real_distribution<double>()(engine); };
+    int done = 0;
+    for (int step = 0; step < 24; step++) {
+        for (size_t t = 0; t < tools.size(); t++) {
+            const double fast = 0.02 * step, x = 0.012 + 0.005 * t, turn = 1.3 * step + t;
+            const double rotation[4] = {0, std::sin(turn), 0, std::cos(turn)}, nowhere[3] = {NAN, 0, 0};
+            if (step % 5 == 0) EXPECT_EQ(pliant_tool_set_pose(sheet.data, tools[t], nowhere, nullptr), PLIANT_ERROR_ARGUMENT);
+            switch (t % 4) {
+            case 0: sheet.move(tools[t], x, 0.03, random(-0.03, 0.03)); break;            // jumps
+            case 1: sheet.move(tools[t], x, 0.03, 0.02 * std::cos(fast / 0.02)); break;   // goes through and back
+            case 2: sheet.move(tools[t], x, 0.03, 0.003, rotation); break;                // spins
+            default: sheet.move(tools[t], x + 0.01 * std::sin(step), 0.03, 0.005); break; // sweeps along
+            }
+        }
+        sheet.move(holds, 0.03, 0.03, step % 10 == 9 ? 0.06 : 0.004 + 0.0005 * (step % 10)); // jumps with what it holds
+        const std::vector<double> before = positions_of(sheet, sheet.data);
+        const pliant_status status = pliant_step(sheet.model, sheet.data);
+        if (status < 0) EXPECT_EQ(before, positions_of(sheet, sheet.data)) << step << ": " << pliant_last_error();
+        done += status >= 0;
+        ASSERT_LT(sheet.farthest(), 1) << step; // and is a number
+    }
+    EXPECT_GT(done, 12);
+}
+
+} // namespace
