@@ -43,19 +43,11 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
                                    &preconditioner->carried, &preconditioner->room, possible);
 }
 
-/* What stands for the inverse beside a cut is assembled from elements of eight corners at most (carried.cu). */
-static bool has_eight_corners_at_most(const pliant_macros *macros)
-{
-    for (int32_t m = 0; m < macros->count; m++)
-        if (macros->start[m + 1] - macros->start[m] > 8) return false;
-    return true;
-}
-
 extern "C" pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_solver *solver, const pliant_solver *before, const int32_t *node,
                                                    bool *possible)
 {
     const pliant_system *system = solver->system;
-    *possible = system->macros ? !system->macros->fine_start && has_eight_corners_at_most(system->macros) : !before->system->macros;
+    *possible = system->macros ? !system->macros->fine_start : !before->system->macros;
     if (!*possible) return PLIANT_OK;
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     int32_t *h_before = static_cast<int32_t *>(pliant_calloc((size_t)system->num_free, sizeof *h_before));

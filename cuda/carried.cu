@@ -117,18 +117,19 @@ static __device__ double macro_entry_at_rest(const gpu_macros &macros, int eleme
     return sum;
 }
 
-/* One block an inner node: its columns, from the diagonal on down, element after element; nine threads a corner of the element. */
+/* One block an inner node: its columns, from the diagonal on down, element after element; nine threads a corner of the element, of up to eight at a time. */
 static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
 {
-    const int own = (int)blockIdx.x, node = carried.d_near[own], at = unknown_of(matrix, own), w = (int)threadIdx.x / 9;
+    const int own = (int)blockIdx.x, node = carried.d_near[own], at = unknown_of(matrix, own);
     const int r = (int)threadIdx.x / 3 % 3, c = (int)threadIdx.x % 3;
     const gpu_macros &macros = system.macros;
     const bool of_macros = macros.count > 0;
     for (int n = system.d_corner_start[node]; n < system.d_corner_end[node]; n++) {
         const int corner = system.d_corner[n], element = of_macros ? macros.d_cube_of_corner[corner] : corner / 4;
         const int begin = of_macros ? macros.d_start[element] : 4 * element, corners = of_macros ? macros.d_start[element + 1] - begin : 4;
-        const int place = w < corners ? carried.d_place[(of_macros ? macros.d_node : system.d_tets)[begin + w]] - 1 : -1;
-        if (place >= own && (place > own || r >= c)) {
+        for (int w = (int)threadIdx.x / 9; w < corners; w += (int)blockDim.x / 9) {
+            const int place = carried.d_place[(of_macros ? macros.d_node : system.d_tets)[begin + w]] - 1;
+            if (place < own || (place == own && r < c)) continue;
             const int row = 3 * w + r, column = 3 * (corner - begin) + c;
             add(matrix, unknown_of(matrix, place) + r, at + c,
                 of_macros ? macro_entry_at_rest(macros, element, 3 * corners, row, column) : entry_at_rest(system, element, row, column));
