@@ -213,12 +213,13 @@ struct Fall : Body {
     }
 };
 
+// Stresses are of single precision on a GPU: weight that is another by 6e-8 makes 1.5e-7 of forces and 7e-8 of the way on the CPU, and less in a relaxation.
 TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
 {
     NEEDS_GPU();
     struct { const char *name; int blocks; bool self, still, strikes; double bound; } runs[] = {
-        {"a block falls and is pressed", 1, false, false, false, 1e-4}, {"blocks on each other", 2, true, false, false, 1e-3}, {"relaxation", 1, false, true, false, 1e-2},
-        {"a block is struck", 1, false, false, true, 1e-4}};
+        {"a block falls and is pressed", 1, false, false, false, 1e-6}, {"blocks on each other", 2, true, false, false, 1e-6}, {"relaxation", 1, false, true, false, 1e-5},
+        {"a block is struck", 1, false, false, true, 1e-5}};
     for (const auto &run : runs) {
         SCOPED_TRACE(run.name);
         Fall cpu(run.blocks, run.self, run.still, PLIANT_CPU), gpu(run.blocks, run.self, run.still, PLIANT_CUDA), again(run.blocks, run.self, run.still, PLIANT_CUDA);

@@ -9,7 +9,7 @@
 namespace {
 
 const Case bone{"bone", [](pliant_scene &scene) { scene.mesh.bone_surface = true; }};
-// beside what is fixed within a coarse cube, fine elements of more than eight nodes
+// beside what is fixed within a coarse cube, fine elements that keep their axes
 const Case hexahedra_on_bone{"coarse_hexahedra_on_bone", [](pliant_scene &scene) {
                                  coarse_hexahedra.set(scene);
                                  scene.mesh.bone_surface = true;
@@ -38,8 +38,8 @@ struct Runs {
         each.set(scene);
         const bool on_bone = scene.mesh.bone_surface;
         body.reset(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}, {4000, 0.4, 1000, false}}, [on_bone](int i, int j, int k) {
-            const double x[3] = {i - 12.0, j - 7.6, k - 7.0};
-            return on_bone && x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 16 ? 2 : (i < 6 || i > 9) && k > 9;
+            const double x[3] = {i - 9.3, j - 7.6, k - 6.2};
+            return on_bone && x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 22 ? 2 : (i < 6 || i > 9) && k > 9;
         }));
         for (int m = 0; m < 3; m++) body->table.materials[m].toughness = 100;
         body->table.materials[2].fixed = true;
@@ -126,15 +126,7 @@ bool same_topology(const pliant_body *a, const pliant_body *b, pliant_cut_kind k
            std::memcmp(a->triangles, b->triangles, 3 * sizeof *a->triangles * static_cast<size_t>(a->num_triangles)) == 0;
 }
 
-int32_t most_corners(const pliant_data *data)
-{
-    const pliant_macros *macros = data->discretization->system->macros;
-    int32_t most = 0;
-    for (int32_t e = 0; macros && e < macros->count; e++) most = std::max(most, macros->start[e + 1] - macros->start[e]);
-    return most;
-}
-
-/* Of how far nodes go, and of the largest force. Solved to 1e-9, runs of the CPU alone to 1e-10 are up to 8e-10 off. Explicit dynamics find stresses in single
+/* Of how far nodes go, and of the largest force. Solved to 1e-9, runs of the CPU alone that go to 1e-10 are up to 1.2e-9 off. Explicit dynamics find stresses in single
  * precision on a GPU: weight that is another by 6e-8 moves nodes by 4e-8 on the CPU, and forces by 2e-7. */
 struct Bounds { double positions, forces; };
 Bounds bounds_of(const pliant_scene &scene)
@@ -152,7 +144,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
     const pliant_body *load = runs.body->model->body;
     const pliant_scene &scene = runs.body->scene;
     double worst = 0, far = 0, force = 0, forces = 0;
-    int32_t most = 0, corners = 0, patched = 0;
+    int32_t most = 0, patched = 0;
     uint32_t taken = 0;
     for (int s = 0; s < STEPS; s++) {
         SCOPED_TRACE(s);
@@ -161,7 +153,6 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
         ASSERT_TRUE(same_topology(cpu->body, gpu->body, scene.cut.kind)) << cpu->body->fine.num_nodes << " and " << gpu->body->fine.num_nodes << " nodes";
         ASSERT_EQ(state(runs.of(1)), state(runs.of(2))) << "not the same bits again";
         most = std::max(most, cpu->body->fine.num_nodes);
-        corners = std::max(corners, most_corners(gpu));
         patched = std::max(patched, gpu->statistics.patched);
         taken |= pliant_data_get_background_taken(gpu);
         worst = std::fmax(worst, apart(cpu, gpu));
@@ -172,15 +163,14 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
                 forces = std::fmax(forces, std::fabs(cpu->tools[t].force[d] - gpu->tools[t].force[d]));
             }
     }
-    std::printf("%-26s %4d nodes, %4d at most, elements of up to %2d; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart\n", GetParam().name, load->fine.num_nodes, most,
-                corners, worst / far, 1e3 * far, forces / force, force);
+    std::printf("%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart\n", GetParam().name, load->fine.num_nodes, most,
+                worst / far, 1e3 * far, forces / force, force);
     EXPECT_GT(most, load->fine.num_nodes + 20);
     EXPECT_TRUE(pliant_body_same(gpu->body, load));
     EXPECT_LT(worst, bounds_of(scene).positions * far);
     EXPECT_LT(forces, bounds_of(scene).forces * force);
     if (scene.solver.kind == PLIANT_COROTATIONAL) EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR) << "the inverse was not carried over";
     if (scene.model.patch > 0) EXPECT_GT(patched, 0);
-    if (GetParam().name == std::string(hexahedra_on_bone.name)) EXPECT_GT(corners, 8);
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain, coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra, octree,
@@ -210,30 +200,5 @@ TEST_P(EveryRecording, IsPlayedBackToTheBit)
     EXPECT_TRUE(taken & PLIANT_TAKES_FACTOR);
 }
 INSTANTIATE_TEST_SUITE_P(Cuda, EveryRecording, testing::Values(direct, multigrid, hexahedra, averaged, patch, octree, subdivided), name_of);
-
-// Two coarse cubes of hexahedra with nodes that are fixed within them: elements of more than eight nodes beside a cut. For compute-sanitizer.
-TEST(CudaEngines, EveryKernelOnce)
-{
-    NEEDS_GPU();
-    const int few[3] = {4, 4, 8};
-    const double bar[3] = {0.04, 0.04, 0.08}, edge[6] = {-0.01, -0.01, 0.031, 0.05, -0.01, 0.033}, across[3] = {0, 0.03, 0.001};
-    Body body(few, bar, {{4000, 0.4, 1000, false}});
-    coarse_hexahedra.set(body.scene);
-    body.cells(1, 1, 2, 2);
-    body.fix_plane(0, 0, 0.021, 0, 0, 1);
-    body.scene.solver.backend = PLIANT_CUDA;
-    body.scene.solver.iterations = 3;
-    body.scene.solver.refresh_delay = 1;
-    body.scene.model.gravity[0] = 1;
-    body.scene.cut.kind = PLIANT_CUT_SEVER;
-    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    for (int s = 0; s < 4; s++) {
-        if (s == 1) ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, edge, across, nullptr), PLIANT_OK) << pliant_last_error();
-        ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
-        ASSERT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
-    }
-    EXPECT_GT(body.data->body->fine.num_nodes, body.model->body->fine.num_nodes);
-    EXPECT_GT(most_corners(body.data), 8);
-}
 
 } // namespace
