@@ -3,6 +3,7 @@
 import csv
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,7 +16,10 @@ import rospy
 import rostest
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
+from geometry_msgs.msg import Point, Vector3
 from pliant.msg import Step
+from pliant.srv import CutLine
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
@@ -27,12 +31,12 @@ TURNS = 120
 
 
 def write_scene(path):
-    """That of the demo, on a mesh that takes long to factor, and few states."""
+    """That of the demo, on a mesh that takes long to factor, and few states; it may be cut."""
     launch = subprocess.check_output(["rospack", "find", "pliant"], universal_newlines=True).strip() + "/launch"
     with open(launch + "/scenes/demo.yaml") as file:
         text = file.read().replace("../materials", launch + "/materials").replace("ratio: 2", "ratio: 3")
     with open(path, "w") as file:
-        file.write(text + "output:\n  mesh_rate: 5\n")
+        file.write(text + "output:\n  mesh_rate: 5\ncut:\n  kind: sever\n")
 
 
 class RerunTest(unittest.TestCase):
@@ -73,14 +77,18 @@ class RerunTest(unittest.TestCase):
 
     @classmethod
     def pull(cls, node, tool):
-        """To and fro and around, while gravity changes."""
+        """To and fro and around, while gravity changes; on the way the tissue is cut."""
         change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
         front, step = node.front(), Latest("step", Step)
         tool.appear(front)
         wait_for(lambda: node.contact.fresh().touching, "the tool to touch")
         tool.take_hold(node.contact)
-        begin = step.fresh().sequence
+        begin, is_cut = step.fresh().sequence, False
         while step.message.sequence < begin + TURNS:
+            if not is_cut and step.message.sequence > begin + TURNS // 3:
+                answer = call("cut", CutLine, Header(frame_id="tissue"), [Point(0.02, -0.2, 0.05), Point(0.2, -0.2, 0.05)], Vector3(0, 0.25, 0))
+                assert answer.success and answer.severed_area > 1e-3, answer
+                is_cut = True
             angle = 0.03 * (step.message.sequence - begin)
             tool.position = list(front + [0.05 * math.sin(angle), -0.05 * math.sin(0.5 * angle) ** 2, 0.02 * math.sin(2 * angle)])
             if step.message.sequence > begin + TURNS // 2:
@@ -159,6 +167,33 @@ class RerunTest(unittest.TestCase):
         finally:
             launch.stop()
         self.assertIn("each as recorded, to the bit", launch.said())
+
+    def test_replay_goes_on_from_any_point(self):
+        """From after the cut: steps are made again from the reset on, states are shown with the topology of then."""
+        with rosbag.Bag(self.bag) as bag:
+            start, times = bag.get_start_time(), {}
+            for topic, message, when in bag.read_messages([NAMESPACE + "step", NAMESPACE + "mesh/state"]):
+                times.setdefault(topic, []).append((when.to_sec() - start, message))
+            cut = min(when.to_sec() - start for _, message, when in bag.read_messages(NAMESPACE + "mesh/topology") if message.severed)
+        self.assertTrue(any(step.cuts for _, step in times[NAMESPACE + "step"]))
+        after = [(when, message) for when, message in times[NAMESPACE + "mesh/state"] if when > cut + 0.2]
+        self.assertGreater(len(after), 3, "states after the cut")
+        begin = after[len(after) // 2][0] - 1e-3
+        reset = [step.sequence for _, step in times[NAMESPACE + "step"]].index(1)
+        before = sum(when < begin for when, _ in times[NAMESPACE + "step"][reset:])
+        for simulate in ("true", "false"):
+            launch = Launch("replay.launch", bag=self.bag, scan=SCAN, rate="2", simulate=simulate, start="%.4f" % begin)
+            try:
+                wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag", 2 * SECONDS)
+            finally:
+                launch.stop()
+            # what is under way as the player ends may be left
+            shown, dropped = (int(number) for number in re.search(r"(\d+) states shown, (\d+) dropped", launch.said()).groups())
+            self.assertGreater(shown, 0)
+            self.assertEqual(dropped, 0)
+            if simulate == "true":
+                made = int(re.search(r"(\d+) turns computed again, each as recorded, to the bit", launch.said()).group(1))
+                self.assertEqual(made, before + shown)
 
     def test_arrays_of_the_last_episode(self):
         code, _, errors = self.run_bag(self.bag, "--export", "numpy", "--rate", "50", "--out", self.folder + "/arrays")

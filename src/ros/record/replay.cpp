@@ -11,13 +11,14 @@
 #include <algorithm>
 #include <cstdio>
 #include <iterator>
+#include <list>
 
 namespace pliant_ros {
 
 namespace {
 
 enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
-       MOST_RECENT = 16 /* topologies */ };
+       TELL_SECONDS = 5, MOST_RECENT = 16 /* topologies */ };
 
 /* Whether somebody listens to a topic, by the master's word. */
 bool has_listener(const std::string &topic)
@@ -35,12 +36,12 @@ const pliant_progress while_ok{[](double, const char *, void *) { return ros::ok
 
 } // namespace
 
-Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates, const std::vector<std::string> &bags)
-    : parameters_(parameters_of(private_handle)), simulates_(simulates), shelf_(parameters_.scan, parameters_.scene.material.labels),
+Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing)
+    : parameters_(parameters_of(private_handle)), simulates_(playing.simulates), shelf_(parameters_.scan, parameters_.scene.material.labels),
       live_(private_handle, parameters_), volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
 {
     log_to_rosconsole();
-    described_ = find_session(bags, handle.resolveName("session"));
+    described_ = playing.described && find_session(playing.bags, handle.resolveName("session"));
     /* before the scan is loaded, and with all the room that there is: nothing is lost meanwhile */
     if (described_) sessions_ = handle.subscribe("session", 0, &Replay::take_session, this);
     topologies_ = handle.subscribe("mesh/topology", 0, &Replay::take_topology, this);
@@ -49,7 +50,8 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
     if (!parameters_.parent_frame.empty()) broadcaster_.sendTransform(tissue_transform(parameters_));
     load();
-    if (!player.empty()) start_player(handle.resolveName(player), handle.resolveName("volume"));
+    if (playing.start > 0) catch_up(playing);
+    if (!playing.player.empty()) start_player(handle.resolveName(playing.player), handle.resolveName("volume"));
 }
 
 Replay::~Replay()
@@ -76,6 +78,57 @@ bool Replay::find_session(const std::vector<std::string> &bags, const std::strin
         return true;
     }
     return false;
+}
+
+/* What a player that starts later does not play: the last session before that, its topologies, and where steps are made again, those from its last load or
+   reset on. */
+void Replay::catch_up(const Playing &playing)
+{
+    std::list<rosbag::Bag> bags;
+    rosbag::View all;
+    for (const std::string &path : playing.bags) {
+        bags.emplace_back(path, rosbag::bagmode::Read);
+        all.addQuery(bags.back());
+    }
+    if (bags.empty()) return;
+    const ros::Time end = all.getBeginTime() + ros::Duration(static_cast<float>(playing.start)); /* a float, as the player's is: what it plays is not taken twice */
+    const std::vector<std::string> topics{sessions_.getTopic(), topologies_.getTopic(), steps_.getTopic()};
+    rosbag::View before;
+    for (const rosbag::Bag &bag : bags) before.addQuery(bag, rosbag::TopicQuery(topics), ros::TIME_MIN, end - ros::Duration(0, 1));
+    pliant::SessionConstPtr session;
+    std::vector<pliant::MeshTopologyConstPtr> topologies;
+    std::vector<pliant::StepConstPtr> steps;
+    for (const rosbag::MessageInstance &recorded : before) {
+        if (const Session::ConstPtr newer = recorded.instantiate<Session>()) {
+            session = newer;
+        } else if (const MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>()) {
+            topologies.push_back(topology);
+        } else if (const Step::ConstPtr step = recorded.instantiate<Step>()) {
+            if (step->sequence == 1) steps.clear();
+            steps.push_back(step);
+        }
+    }
+    if (described_ && session) take_session(session);
+    for (const pliant::MeshTopologyConstPtr &topology : topologies)
+        if (!described_ || topology->revision >= session_.load) take_topology(topology);
+    if (simulates_ && !steps.empty() && steps.front()->sequence == 1) make_again(steps);
+}
+
+void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
+{
+    Clock::time_point told = Clock::now();
+    ROS_INFO("replay: the %zu turns before the start are made again", steps.size());
+    try {
+        for (size_t s = 0; s < steps.size() && ros::ok(); ++s) {
+            if (!rerun_->take(*steps[s])) return;
+            if (Clock::now() - told < std::chrono::seconds(TELL_SECONDS)) continue;
+            told = Clock::now();
+            ROS_INFO("replay: %zu of %zu", s + 1, steps.size());
+        }
+        snapshots_.put(rerun_->snapshot());
+    } catch (const Failure &broken) {
+        ROS_ERROR("replay: %s", broken.what());
+    }
 }
 
 void Replay::load()

@@ -15,17 +15,24 @@
 
 namespace pliant_ros {
 
+/* What is played, and how. */
+struct Playing {
+    std::string player;            /* node name of a `rosbag play --pause` of these bags, which is set going; empty: none */
+    std::vector<std::string> bags;
+    double start = 0;              /* played from there on [s] */
+    bool simulates = false;        /* every step is made again */
+    bool described = false;        /* the bags say what the model is, where they do; otherwise the parameters do */
+};
+
 /* Takes session, mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
    states, and scan_info of the scan here. Models are made as the bag's sessions say, or, where no bag has any, as the parameters do, which are
    the node's. A topology that is not the model's is refused, and so are the states of its revision. What simulates takes `step` in place of
    the states. */
 class Replay {
 public:
-    /* Loads the scan, and returns when that is done. Throws std::runtime_error with a message for a person.
-       player: node name of a `rosbag play --pause` to set going then, or empty; it begins once there are connections to it, and from who listens
-       to the volume already, so that neither misses anything. bags: that it will play, where they are to say what the model is; empty: the
-       parameters do. */
-    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const std::string &player, bool simulates, const std::vector<std::string> &bags);
+    /* Loads the scan, takes what the bags hold from before the start, and returns when that is done. Throws std::runtime_error with a message for a person.
+       The player begins once there are connections to it, and from who listens to the volume already, so that neither misses anything. */
+    Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing);
     ~Replay();
 
 private:
@@ -44,6 +51,8 @@ private:
     void load();
     void put_in(std::shared_ptr<const Loaded> loaded);
     bool find_session(const std::vector<std::string> &bags, const std::string &topic);
+    void catch_up(const Playing &playing);
+    void make_again(const std::vector<pliant::StepConstPtr> &steps);
     void take_session(const pliant::SessionConstPtr &session);
     void fit(const pliant::MeshTopology &topology);
     bool waits(const Pending &next) const;
