@@ -298,7 +298,7 @@ TEST(CudaCut, EveryKernelOnce)
         body.cells(2 / ratio, 2 / ratio, 4 / ratio, ratio);
         body.scene.solver.iterations = 6;
         body.scene.solver.refresh_delay = 1;
-        body.scene.model.gravity[0] = 4;
+        body.scene.model.gravity[0] = 0.4; // so soft a bar would sag out of the stroke's way
         body.scene.tled.quasi_static = false;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
