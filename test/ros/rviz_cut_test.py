@@ -17,8 +17,8 @@ VOLUME = """
   Topic: tissue/volume
   Rendering: %s
   Preset: CT abdomen
-  Slices: 256
-  Slices While Moving: 256
+  Slices: 128
+  Slices While Moving: 128
   Automatic: false
   Level: 0
   Window: 400
