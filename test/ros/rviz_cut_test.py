@@ -17,8 +17,8 @@ VOLUME = """
   Topic: tissue/volume
   Rendering: %s
   Preset: CT abdomen
-  Slices: 128
-  Slices While Moving: 128
+  Slices: 256
+  Slices While Moving: 256
   Automatic: false
   Level: 0
   Window: 400
@@ -40,6 +40,18 @@ SIGHTS = {"slices": VOLUME % "Slices", "isosurface": VOLUME % "Isosurface", "mes
 VIEW = {"Class": "rviz/TopDownOrtho", "Scale": 1800, "X": -0.055, "Y": 0.07, "Angle": 0, "Near Clip Distance": 0.01}
 LINE = [(-0.20, -0.20, 0.105), (-0.060, -0.20, 0.105)]  # the first of cut_hang_path.yaml, a little lower
 EMPTY = -100  # [HU] and less: nothing
+
+
+def inner(area):
+    """Without the edge, 4 pixels wide, where pixels and voxels differ."""
+    for _ in range(4):
+        without = area.copy()
+        without[1:] &= area[:-1]
+        without[:-1] &= area[1:]
+        without[:, 1:] &= area[:, :-1]
+        without[:, :-1] &= area[:, 1:]
+        area = without
+    return area
 
 
 class Severed(unittest.TestCase):
@@ -107,8 +119,8 @@ class Severed(unittest.TestCase):
         def agrees(picture):
             drawn = self.stage.view(picture).max(axis=2) > 25
             overlap = (drawn & wanted).sum() / max((drawn | wanted).sum(), 1)
-            self.assertLess((wanted & ~drawn).sum(), 0.05 * wanted.sum(), name + ": what is there")
-            self.assertGreater(overlap, 0.8 if name == "mesh" else 0.9, name)  # its cubes of 9 mm reach beyond the voxels
+            self.assertLess((inner(wanted) & ~drawn).sum(), 0.02 * wanted.sum(), name + ": what is there")
+            self.assertGreater(overlap, 0.75 if name == "mesh" else 0.85, name)  # its cubes of 9 mm reach beyond the voxels
             if gap is not None:
                 self.assertLess((drawn & gap).sum(), 0.05 * gap.sum(), name + ": the open cut")
         try:
@@ -141,18 +153,10 @@ class Severed(unittest.TestCase):
             self.assert_seen(name, now, gap)
 
     def gap(self, seen):
-        """Nothing there, though there is something above and below: by columns; without the edges, where pixels and voxels differ."""
+        """Nothing there, though there is something above and below: by columns."""
         above = numpy.logical_or.accumulate(seen, axis=0)
         below = numpy.logical_or.accumulate(seen[::-1], axis=0)[::-1]
-        open_cut = above & below & ~seen
-        for _ in range(4):
-            inner = open_cut.copy()
-            inner[1:] &= open_cut[:-1]
-            inner[:-1] &= open_cut[1:]
-            inner[:, 1:] &= open_cut[:, :-1]
-            inner[:, :-1] &= open_cut[:, 1:]
-            open_cut = inner
-        return open_cut
+        return inner(above & below & ~seen)
 
 
 if __name__ == "__main__":
