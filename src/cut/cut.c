@@ -148,6 +148,7 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
 {
     pliant_status status = find_state(work);
     if (status == PLIANT_OK) status = pliant_cut_sever(work, sweep);
+    if (status == PLIANT_OK && sweep->stroke > 0) status = pliant_cut_close_seam(work, sweep->first_cut);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
     status = out ? find_fragments(work) : pliant_cut_touch(work);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;

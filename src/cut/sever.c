@@ -130,7 +130,7 @@ static double area_of(const severing *cut, const voxel_map *map, const double no
     return squares > 0 ? face * fabs(along[axis]) / sqrt(squares) : face;
 }
 
-static pliant_status add_link(cut_work *work, uint32_t link, double area)
+pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area)
 {
     if (work->num_links == work->link_room) {
         const int32_t room = work->link_room > 0 ? 2 * work->link_room : 1024;
@@ -193,7 +193,7 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
     const int32_t lower = way > 0 ? voxel : other;
     if (pliant_link_severed(&links, lower, way > 0 ? at : there, axis)) return PLIANT_OK;
-    return add_link(work, 4 * (uint32_t)lower + (uint32_t)axis, area_of(cut, way > 0 ? from : to, one->normal, axis));
+    return pliant_cut_add_link(work, 4 * (uint32_t)lower + (uint32_t)axis, area_of(cut, way > 0 ? from : to, one->normal, axis));
 }
 
 static pliant_status try_bridge(severing *cut, int32_t bridge)

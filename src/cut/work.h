@@ -137,6 +137,10 @@ pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces);
 pliant_status pliant_cut_near(const pliant_body *body, const double *positions, const cut_strip *strip, double reach, double slack, uint8_t **out);
 /* Links and bridges that the sweep severs; slack: [m] */
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
+/* One more that is newly severed; area: at rest [m^2] */
+pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area);
+/* seam.c: what this sweep of a stroke and those before it have missed, beside what is newly severed, ascending; first_cut: of the stroke */
+pliant_status pliant_cut_close_seam(cut_work *work, int32_t first_cut);
 /* what is newly severed, ascending, each once */
 pliant_status pliant_cut_sort_severed(cut_work *work);
 /* Tetrahedra that own an end of them, and their fragments. */

@@ -84,21 +84,26 @@ static void free_edge(pliant_edge *edge)
     pliant_free(edge->place);
     pliant_free(edge->tet);
     pliant_free(edge->weight);
+    pliant_free(edge->beside);
+    pliant_free(edge->apart);
     pliant_free(edge->now);
     pliant_free(edge->swept);
     memset(edge, 0, sizeof *edge);
 }
 
-static pliant_status make_edge(int32_t count, pliant_edge *edge)
+static pliant_status make_edge(int32_t count, double reach, pliant_edge *edge)
 {
     const size_t points = (size_t)count;
     edge->count = count;
+    edge->reach = reach;
     edge->place = pliant_calloc(points, 3 * sizeof *edge->place);
     edge->tet = pliant_calloc(points, sizeof *edge->tet);
     edge->weight = pliant_calloc(points, 4 * sizeof *edge->weight);
+    edge->beside = pliant_calloc(points, sizeof *edge->beside);
+    edge->apart = pliant_calloc(points, 3 * sizeof *edge->apart);
     edge->now = pliant_calloc(points, 3 * sizeof *edge->now);
     edge->swept = pliant_calloc(points, 3 * sizeof *edge->swept);
-    if (edge->place && edge->tet && edge->weight && edge->now && edge->swept) return PLIANT_OK;
+    if (edge->place && edge->tet && edge->weight && edge->beside && edge->apart && edge->now && edge->swept) return PLIANT_OK;
     free_edge(edge);
     return pliant_fail_memory("the edge of a blade");
 }
@@ -114,17 +119,67 @@ void pliant_blade_points(const pliant_blade *blade, const double tip[3], const d
     }
 }
 
+/* squares[p]: how far the nearest point of the edge is that is in tissue, at most its reach. Whether any is in none. */
+static bool measure_along(const pliant_edge *edge, double spacing, double *squares)
+{
+    bool any = false;
+    for (int way = -1; way <= 1; way += 2) {
+        double far = edge->reach;
+        for (int32_t n = 0; n < edge->count; n++) {
+            const int32_t p = way > 0 ? n : edge->count - 1 - n;
+            far = edge->tet[p] >= 0 ? 0 : fmin(far + spacing, edge->reach);
+            any = any || edge->tet[p] < 0;
+            squares[p] = way > 0 ? fmin(squares[p], far * far) : far * far;
+        }
+    }
+    return any;
+}
+
+/* Tissue that comes over a point beside it passes it by: what the point goes with is nearest, a node or a point of the edge that is in tissue. */
+static void find_beside(const pliant_data *data, pliant_edge *edge)
+{
+    const double *first = edge->now, *last = edge->now + 3 * (edge->count - 1);
+    double along[3], low[3], high[3], spacing = 0, *squares = edge->apart; /* until it is written */
+    for (int d = 0; d < 3; d++) {
+        along[d] = (last[d] - first[d]) / (edge->count - 1);
+        spacing += along[d] * along[d];
+        low[d] = fmin(first[d], last[d]) - edge->reach;
+        high[d] = fmax(first[d], last[d]) + edge->reach;
+    }
+    spacing = sqrt(spacing);
+    for (int32_t p = 0; p < edge->count; p++) edge->beside[p] = -1;
+    if (!measure_along(edge, spacing, squares)) return;
+    for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+        const double *x = data->positions + 3 * (size_t)n;
+        if (!(x[0] >= low[0] && x[0] <= high[0] && x[1] >= low[1] && x[1] <= high[1] && x[2] >= low[2] && x[2] <= high[2])) continue;
+        const double from[3] = {x[0] - first[0], x[1] - first[1], x[2] - first[2]};
+        const double at = (from[0] * along[0] + from[1] * along[1] + from[2] * along[2]) / (spacing * spacing);
+        double aside = 0;
+        for (int d = 0; d < 3; d++) aside += pow(from[d] - at * along[d], 2);
+        const double half = sqrt(fmax(edge->reach * edge->reach - aside, 0)) / spacing;
+        for (int32_t p = (int32_t)fmax(ceil(at - half), 0); p <= (int32_t)fmin(floor(at + half), edge->count - 1); p++) {
+            const double apart = aside + pow((p - at) * spacing, 2);
+            if (edge->tet[p] >= 0 || apart >= squares[p]) continue;
+            squares[p] = apart;
+            edge->beside[p] = n;
+        }
+    }
+    for (int32_t p = 0; p < edge->count; p++)
+        for (int d = 0; d < 3 && edge->beside[p] >= 0; d++) edge->apart[3 * p + d] = edge->place[3 * p + d] - data->positions[3 * edge->beside[p] + d];
+}
+
 void pliant_blade_settle(const pliant_data *data, pliant_edge *edge)
 {
     memcpy(edge->place, edge->now, 3 * (size_t)edge->count * sizeof *edge->place);
     pliant_body_locate_points(data->body, data->positions, edge->count, edge->place, edge->tet, edge->weight);
+    find_beside(data, edge);
 }
 
-pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing)
+pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing, double reach)
 {
     pliant_tool *tool = data->tools + index;
     pliant_blade *blade = &tool->blade;
-    pliant_status status = make_edge((int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, &blade->edge);
+    pliant_status status = make_edge((int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, reach, &blade->edge);
     if (status != PLIANT_OK) return status;
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
     pliant_blade_settle(data, &blade->edge);
@@ -132,6 +187,7 @@ pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing)
     memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
     blade->under_way = true;
     blade->stroke++;
+    blade->first_cut = data->body->cuts ? data->body->cuts->num_cuts : 0;
     return PLIANT_OK;
 }
 
@@ -171,6 +227,7 @@ static void follow_beside(const pliant_edge *edge, int32_t p, const double from[
         const bool up_to_next = last >= 0 && last < edge->count;
         for (; end != last; end += way) {
             if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break; /* nearer to the next one, or as near */
+            if (edge->beside[end] >= 0) continue;
             for (int d = 0; d < 3; d++) edge->place[3 * end + d] += to[d] - from[d];
         }
     }
@@ -180,6 +237,8 @@ void pliant_blade_follow(const pliant_data *data, pliant_edge *edge)
 {
     for (int32_t p = 0; p < edge->count; p++) {
         double from[3];
+        for (int d = 0; d < 3 && edge->tet[p] < 0 && edge->beside[p] >= 0; d++)
+            edge->place[3 * p + d] = data->positions[3 * edge->beside[p] + d] + edge->apart[3 * p + d];
         if (edge->tet[p] < 0) continue;
         memcpy(from, edge->place + 3 * p, sizeof from);
         place_of(&data->body->fine, data->positions, edge, p, edge->place + 3 * p);
@@ -194,7 +253,7 @@ pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, 
     memset(&blade->edge, 0, sizeof blade->edge);
     if (!from->under_way) return PLIANT_OK;
     pliant_edge *edge = &blade->edge;
-    pliant_status status = make_edge(from->edge.count, edge);
+    pliant_status status = make_edge(from->edge.count, from->edge.reach, edge);
     if (status != PLIANT_OK) {
         blade->under_way = blade->drags = false;
         return status;
@@ -204,8 +263,11 @@ pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, 
     for (int32_t p = 0; p < edge->count; p++)
         if (from->edge.tet[p] >= 0) place_of(&data->body->fine, data->positions, &from->edge, p, edge->place + 3 * p);
     pliant_body_locate_points(next, positions, edge->count, edge->place, edge->tet, edge->weight);
-    for (int32_t p = 0; p < edge->count; p++)
+    memcpy(edge->apart, from->edge.apart, 3 * (size_t)edge->count * sizeof *edge->apart);
+    for (int32_t p = 0; p < edge->count; p++) {
         if (from->edge.tet[p] < 0) edge->tet[p] = -1;
+        edge->beside[p] = from->edge.beside[p] < next->fine.num_nodes ? from->edge.beside[p] : -1;
+    }
     return PLIANT_OK;
 }
 
@@ -223,6 +285,7 @@ void pliant_blade_touch(const pliant_data *data, pliant_edge *edge, double spaci
             if (pliant_body_locate(data->body, data->positions, place, &tet, edge->weight + 4 * p)) edge->tet[p] = tet;
         }
     }
+    find_beside(data, edge);
 }
 
 int32_t pliant_blade_num_inside(const pliant_edge *edge)

@@ -10,8 +10,9 @@ extern "C" {
 
 bool pliant_blade_is_there(const pliant_blade *blade);
 double pliant_blade_length(const pliant_blade *blade); /* [m] */
-/* Begin a stroke with the edge where the tool is now, points at most `spacing` [m] apart. Errors: MEMORY (none is under way). */
-pliant_status pliant_blade_begin(pliant_data *data, int tool, double spacing);
+/* Begin a stroke with the edge where the tool is now, points at most `spacing` [m] apart, which go with tissue no more than `reach` [m] beside
+ * them. Errors: MEMORY (none is under way). */
+pliant_status pliant_blade_begin(pliant_data *data, int tool, double spacing, double reach);
 /* The stroke is over; the blade stays. */
 void pliant_blade_end(pliant_tool *tool);
 /* And what it has cut is forgotten. */
@@ -22,7 +23,7 @@ pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, 
 
 /* Points of the edge of a tool in a pose. @param out (edge.count x 3) */
 void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out);
-/* Points in tissue to where it is now. */
+/* Points in tissue, and beside it, to where it is now. */
 void pliant_blade_follow(const pliant_data *data, pliant_edge *edge);
 /* The edge is at `now` from here on: what of the tissue its points go with. */
 void pliant_blade_settle(const pliant_data *data, pliant_edge *edge);

@@ -16,6 +16,7 @@
 #include <string.h>
 
 static const double fastest = 2.0;     /* of a blade [m/s]; beyond it, it has jumped */
+static const double swiftest = 0.5;    /* of tissue that comes over a blade beside it [m/s] */
 static const double backwards = 0.1;   /* a sweep begins so much behind the cut's end, so that no link between is missed [voxels] */
 static const double stirs = 0.05;      /* a blade that is nearer to the cut's end than this has not moved [voxels] */
 static const double chord = 0.25;      /* a turning blade's sweep is off by no more [voxels] */
@@ -84,7 +85,7 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
 static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
 {
     pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index, .stroke = (uint32_t)work->tool->blade.stroke};
+                              .blade = (uint32_t)work->index, .stroke = (uint32_t)work->tool->blade.stroke, .first_cut = work->tool->blade.first_cut};
     memset(report, 0, sizeof *report);
     const uint64_t before = work->data->body->revision;
     if (pliant_data_sever(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
@@ -130,7 +131,7 @@ static bool look_ahead(const knife *work, double width, double *force)
     pliant_cut_report report = {0};
     extend(blade, edge->now, work->ahead, edge->swept);
     pliant_cut_sweep sweep = {.count = edge->count, .from = edge->place, .to = edge->swept, .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index, .stroke = (uint32_t)blade->stroke};
+                              .blade = (uint32_t)work->index, .stroke = (uint32_t)blade->stroke, .first_cut = blade->first_cut};
     if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL, &report) != PLIANT_OK) {
         tell_failure(work);
         return false;
@@ -300,7 +301,9 @@ static int32_t turns_of(const knife *work)
 
 static void begin(const knife *work)
 {
-    if (pliant_blade_begin(work->data, work->index, 0.5 * work->least) != PLIANT_OK) tell_failure(work);
+    const double *cell = work->model->body->fine.cell_size;
+    const double reach = swiftest * work->model->scene.solver.step + fmax(cell[0], fmax(cell[1], cell[2]));
+    if (pliant_blade_begin(work->data, work->index, 0.5 * work->least, reach) != PLIANT_OK) tell_failure(work);
 }
 
 static bool has_jumped(const knife *work)

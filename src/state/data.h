@@ -17,6 +17,9 @@ typedef struct pliant_edge {
     double *place;         /* (count x 3) [m]; of points in tissue as of the last step */
     int32_t *tet;          /* (count) fine tetrahedron that a point goes with; -1: it is in no tissue */
     double *weight;        /* (count x 4) barycentric */
+    int32_t *beside;       /* (count) of a point in no tissue: the node that it goes with; -1: the nearest point that is in tissue, if any */
+    double *apart;         /* (count x 3) from that node to the point [m] */
+    double reach;          /* how far that node may be [m] */
     double *now, *swept;   /* (count x 3) room: where the blade is, what it is swept from or to */
 } pliant_edge;
 
@@ -27,6 +30,7 @@ typedef struct pliant_blade {
     /* STROKE: from when it begins to cut until it is lifted, lost or jumps */
     bool under_way, failed; /* failed: and that was said */
     uint64_t stroke;       /* how many so far */
+    int32_t first_cut;     /* of the body, when it began */
     pliant_edge edge;      /* while one is under way */
     double tip[3], rotation[4]; /* of the tool when the edge was moved last */
     /* RESISTANCE: the edge drags the tissue along by the tool's hold, until it slips */

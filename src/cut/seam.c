@@ -1,0 +1,81 @@
+/* Where the sweeps of a stroke meet. Each is tested against the tissue as it lies in its own step; a link between one voxel that the last sweep
+ * went by on the right and one that this sweep goes by on the left is straight, while the tissue between them bends, and where it has moved from one step
+ * to the next both sweeps may miss it: each ends, or begins, beyond the link. Such a link is told by what is severed beside it. */
+#include "cut/work.h"
+
+typedef struct seam {
+    cut_work *work;
+    pliant_links before;  /* what was severed before this sweep */
+    int32_t num_links;    /* that the sweep has severed itself */
+    int32_t first_cut;    /* of the stroke */
+} seam;
+
+static bool is_owned(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], int axis, int way)
+{
+    if (at[axis] + way < 0 || at[axis] + way >= voxels->geometry.size[axis]) return false;
+    return voxels->owner[voxel + way * pliant_stride_of(voxels, axis)] >= 0;
+}
+
+static uint32_t link_from(const pliant_voxels *voxels, int32_t voxel, int axis, int way)
+{
+    return 4 * (uint32_t)(way > 0 ? voxel : voxel - pliant_stride_of(voxels, axis)) + (uint32_t)axis;
+}
+
+static bool is_new(const seam *all, uint32_t link)
+{
+    const int32_t found = pliant_lower(all->work->link, all->num_links, link);
+    return found < all->num_links && all->work->link[found] == link;
+}
+
+/* whether the link from a voxel along an axis is there, and severed */
+static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int axis, int way)
+{
+    if (!is_owned(all->work->voxels, voxel, at, axis, way)) return false;
+    return !pliant_linked(&all->before, voxel, at, axis, way) || is_new(all, link_from(all->work->voxels, voxel, axis, way));
+}
+
+/* whether it was by a sweep before this one, and since the stroke began */
+static bool is_of_stroke(const seam *all, uint32_t link)
+{
+    const pliant_cuts *cuts = all->work->cuts;
+    if (!cuts || all->first_cut >= cuts->num_cuts) return false;
+    for (int32_t i = all->first_cut > 0 ? cuts->cut_end[all->first_cut - 1] : 0; i < cuts->cut_end[cuts->num_cuts - 1]; i++)
+        if (cuts->severed[i] == link) return true;
+    return false;
+}
+
+/* This sweep is beyond a voxel along an axis, and nothing parts it from what is behind. Neighbours beside it that an earlier sweep of the stroke lies
+ * behind of, and nothing parts from what is beyond, are on the other side: the plane through both crosses the link between. */
+static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t at[3], int axis, int beyond)
+{
+    const pliant_voxels *voxels = all->work->voxels;
+    pliant_status status = PLIANT_OK;
+    if (is_severed(all, voxel, at, axis, -beyond)) return PLIANT_OK;
+    for (int n = 2; n < 6 && status == PLIANT_OK; n++) {
+        const int across = (axis + n / 2) % 3, way = n % 2 ? 1 : -1;
+        const int32_t other = voxel + way * pliant_stride_of(voxels, across);
+        int32_t there[3] = {at[0], at[1], at[2]};
+        there[across] += way;
+        if (!is_owned(voxels, voxel, at, across, way) || is_severed(all, voxel, at, across, way)) continue;
+        if (!is_owned(voxels, other, there, axis, -beyond) || is_severed(all, other, there, axis, beyond)) continue;
+        if (!is_of_stroke(all, link_from(voxels, other, axis, -beyond))) continue;
+        status = pliant_cut_add_link(all->work, link_from(voxels, voxel, across, way), 0);
+    }
+    return status;
+}
+
+pliant_status pliant_cut_close_seam(cut_work *work, int32_t first_cut)
+{
+    const seam all = {.work = work, .before = {.voxels = work->voxels, .cuts = work->cuts}, .num_links = work->num_links, .first_cut = first_cut};
+    pliant_status status = PLIANT_OK;
+    for (int32_t i = 0; i < all.num_links && status == PLIANT_OK; i++) {
+        const int axis = (int)(work->link[i] % 4);
+        const int32_t voxel = (int32_t)(work->link[i] / 4);
+        int32_t at[3];
+        pliant_place_of(work->voxels, voxel, at);
+        status = part_beside(&all, voxel, at, axis, 1);
+        at[axis]++;
+        if (status == PLIANT_OK) status = part_beside(&all, voxel + pliant_stride_of(work->voxels, axis), at, axis, -1);
+    }
+    return status == PLIANT_OK && work->num_links > all.num_links ? pliant_cut_sort_severed(work) : status;
+}
