@@ -17,6 +17,7 @@ pliant_ros::Playing playing_of(int argc, char **argv)
 {
     const std::string start = "start=";
     pliant_ros::Playing out;
+    out.goes_on = [] { return ros::ok() && !is_over; };
     if (argc > 1) out.player = argv[1];
     for (int a = 2; a < argc; ++a) {
         const std::string word = argv[a];
@@ -28,6 +29,12 @@ pliant_ros::Playing playing_of(int argc, char **argv)
     return out;
 }
 
+/* Whoever comes next on this master would wait for a clock that nobody sends any more. */
+void leave_the_clock()
+{
+    if (ros::ok() && ros::Time::isSimTime()) ros::param::set("/use_sim_time", false);
+}
+
 } // namespace
 
 int main(int argc, char **argv)
@@ -35,15 +42,18 @@ int main(int argc, char **argv)
     ros::init(argc, argv, "replay", ros::init_options::NoSigintHandler);
     std::signal(SIGINT, end);
     std::signal(SIGTERM, end);
+    const pliant_ros::Playing playing = playing_of(argc, argv);
+    int code = 0;
     try {
-        pliant_ros::Replay replay(ros::NodeHandle(), ros::NodeHandle("~"), playing_of(argc, argv));
-        while (ros::ok() && !is_over) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.1));
-        /* whoever comes next on this master would wait for a clock that nobody sends any more */
-        if (ros::ok() && ros::Time::isSimTime()) ros::param::set("/use_sim_time", false);
+        pliant_ros::Replay replay(ros::NodeHandle(), ros::NodeHandle("~"), playing);
+        while (playing.goes_on()) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.1));
+        leave_the_clock();
         ros::shutdown();
     } catch (const std::exception &wrong) {
-        ROS_FATAL("%s", wrong.what());
-        return 1;
+        /* what was stopped by hand is no failure */
+        if (playing.goes_on()) ROS_FATAL("%s", wrong.what());
+        code = playing.goes_on();
+        leave_the_clock();
     }
-    return 0;
+    return code;
 }

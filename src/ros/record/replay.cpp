@@ -4,20 +4,17 @@
 
 #include <ros/master.h>
 #include <ros/ros.h>
-#include <rosbag/bag.h>
-#include <rosbag/view.h>
 #include <std_srvs/SetBool.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <iterator>
-#include <list>
 
 namespace pliant_ros {
 
 namespace {
 
-enum { PATIENCE_SECONDS = 2 /* for a topology that comes after its states */, PLAYER_SECONDS = 60, CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
+enum { PATIENCE_SECONDS = 2 /* for what topics bring in another order */, PLAYER_SECONDS = 60, CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
        TELL_SECONDS = 5, MOST_RECENT = 16 /* topologies */ };
 
 /* Whether somebody listens to a topic, by the master's word. */
@@ -32,16 +29,29 @@ bool has_listener(const std::string &topic)
     return false;
 }
 
-const pliant_progress while_ok{[](double, const char *, void *) { return ros::ok(); }, nullptr};
+bool is_late(Clock::time_point arrival)
+{
+    return Clock::now() - arrival > std::chrono::seconds(PATIENCE_SECONDS);
+}
+
+/* Of this load, as first said, or of one after it. */
+bool is_of(const Session &session, const MeshTopology &topology)
+{
+    return topology.revision >= session.load && topology.header.stamp >= session.header.stamp;
+}
 
 } // namespace
 
 Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing)
-    : parameters_(parameters_of(private_handle)), simulates_(playing.simulates), shelf_(parameters_.scan, parameters_.scene.material.labels),
+    : parameters_(parameters_of(private_handle)), playing_(playing), simulates_(playing.simulates), shelf_(parameters_.scan, parameters_.scene.material.labels),
       live_(private_handle, parameters_), volume_output_(handle, parameters_, &live_, &snapshots_, nullptr)
 {
     log_to_rosconsole();
-    described_ = playing.described && find_session(playing.bags, handle.resolveName("session"));
+    topics_ = Topics{handle.resolveName("session"), handle.resolveName("mesh/topology"), simulates_ ? handle.resolveName("step") : std::string()};
+    /* the first one, so that its model is there before the bags are played */
+    const pliant::SessionConstPtr first = playing.described ? first_session(playing.bags, topics_.session) : nullptr;
+    described_ = first != nullptr;
+    if (first) session_ = *first;
     /* before the scan is loaded, and with all the room that there is: nothing is lost meanwhile */
     if (described_) sessions_ = handle.subscribe("session", 0, &Replay::take_session, this);
     topologies_ = handle.subscribe("mesh/topology", 0, &Replay::take_topology, this);
@@ -50,7 +60,7 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Pla
     scan_info_ = handle.advertise<ScanInfo>("scan_info", 1, true);
     if (!parameters_.parent_frame.empty()) broadcaster_.sendTransform(tissue_transform(parameters_));
     load();
-    if (playing.start > 0) catch_up(playing);
+    if (playing.start > 0) catch_up();
     if (!playing.player.empty()) start_player(handle.resolveName(playing.player), handle.resolveName("volume"));
 }
 
@@ -65,53 +75,17 @@ Replay::~Replay()
     if (rerun_) std::printf("replay: %s\n", rerun_->summary().c_str());
 }
 
-/* The first one in the bags, so that its model is there before they are played. */
-bool Replay::find_session(const std::vector<std::string> &bags, const std::string &topic)
+/* What a player that begins later does not play. */
+void Replay::catch_up()
 {
-    for (const std::string &path : bags) {
-        rosbag::Bag bag(path, rosbag::bagmode::Read);
-        rosbag::View view(bag, rosbag::TopicQuery(topic));
-        if (view.begin() == view.end()) continue;
-        const Session::ConstPtr first = view.begin()->instantiate<Session>();
-        if (!first) throw std::runtime_error(path + ": " + topic + " is of another version of Pliant");
-        session_ = *first;
-        return true;
-    }
-    return false;
-}
-
-/* What a player that starts later does not play: the last session before that, its topologies, and where steps are made again, those from its last load or
-   reset on. */
-void Replay::catch_up(const Playing &playing)
-{
-    std::list<rosbag::Bag> bags;
-    rosbag::View all;
-    for (const std::string &path : playing.bags) {
-        bags.emplace_back(path, rosbag::bagmode::Read);
-        all.addQuery(bags.back());
-    }
-    if (bags.empty()) return;
-    const ros::Time end = all.getBeginTime() + ros::Duration(static_cast<float>(playing.start)); /* a float, as the player's is: what it plays is not taken twice */
-    const std::vector<std::string> topics{sessions_.getTopic(), topologies_.getTopic(), steps_.getTopic()};
-    rosbag::View before;
-    for (const rosbag::Bag &bag : bags) before.addQuery(bag, rosbag::TopicQuery(topics), ros::TIME_MIN, end - ros::Duration(0, 1));
-    pliant::SessionConstPtr session;
-    std::vector<pliant::MeshTopologyConstPtr> topologies;
-    std::vector<pliant::StepConstPtr> steps;
-    for (const rosbag::MessageInstance &recorded : before) {
-        if (const Session::ConstPtr newer = recorded.instantiate<Session>()) {
-            session = newer;
-        } else if (const MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>()) {
-            topologies.push_back(topology);
-        } else if (const Step::ConstPtr step = recorded.instantiate<Step>()) {
-            if (step->sequence == 1) steps.clear();
-            steps.push_back(step);
-        }
-    }
-    if (described_ && session) take_session(session);
-    for (const pliant::MeshTopologyConstPtr &topology : topologies)
-        if (!described_ || topology->revision >= session_.load) take_topology(topology);
-    if (simulates_ && !steps.empty() && steps.front()->sequence == 1) make_again(steps);
+    const Earlier earlier = read_earlier(playing_.bags, playing_.start, topics_, playing_.goes_on);
+    if (described_ && earlier.session) begin_session(*earlier.session);
+    for (const pliant::MeshTopologyConstPtr &topology : earlier.topologies)
+        if (!described_ || topology->revision >= session_.load) fit(*topology); /* the session may have been said again since */
+    if (!simulates_ || earlier.steps.empty() || earlier.steps.front()->sequence != 1) return;
+    const auto known = bodies_.find(earlier.steps.front()->load);
+    if (known != bodies_.end() && known->second.body) make_again(earlier.steps);
+    else ROS_ERROR("replay: the steps before the start are not made again, as their model is not here; the next reset is waited for");
 }
 
 void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
@@ -119,7 +93,7 @@ void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
     Clock::time_point told = Clock::now();
     ROS_INFO("replay: the %zu turns before the start are made again", steps.size());
     try {
-        for (size_t s = 0; s < steps.size() && ros::ok(); ++s) {
+        for (size_t s = 0; s < steps.size() && playing_.goes_on(); ++s) {
             if (!rerun_->take(*steps[s])) return;
             if (Clock::now() - told < std::chrono::seconds(TELL_SECONDS)) continue;
             told = Clock::now();
@@ -131,15 +105,34 @@ void Replay::make_again(const std::vector<pliant::StepConstPtr> &steps)
     }
 }
 
+pliant_progress Replay::while_it_goes_on()
+{
+    return pliant_progress{[](double, const char *, void *replay) { return static_cast<Replay *>(replay)->playing_.goes_on(); }, this};
+}
+
+/* A player in a loop begins anew where it began: what is before that is taken again. */
+void Replay::watch_for_the_loop(ros::Time stamp)
+{
+    const bool begins_anew = stamp < newest_;
+    newest_ = stamp;
+    if (!begins_anew || playing_.start <= 0) return;
+    work_off();
+    try {
+        catch_up();
+    } catch (const std::runtime_error &broken) {
+        ROS_ERROR("replay: what is before the start could not be read: %s", broken.what());
+    }
+}
+
 void Replay::load()
 {
     if (described_) {
-        put_in(build_session(session_, shelf_.find(session_), while_ok));
+        put_in(build_session(session_, shelf_.find(session_), while_it_goes_on()));
         return;
     }
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-    put_in(build(parameters_.scene, scan, materials.table, while_ok));
+    put_in(build(parameters_.scene, scan, materials.table, while_it_goes_on()));
 }
 
 void Replay::put_in(std::shared_ptr<const Loaded> loaded)
@@ -169,12 +162,30 @@ void Replay::put_in(std::shared_ptr<const Loaded> loaded)
 
 void Replay::take_session(const pliant::SessionConstPtr &session)
 {
+    coming_.push_back(Coming{session, Clock::now()});
     work_off();
-    const bool same = loaded_ && same_model(session_, *session), other_load = session->load != session_.load;
-    session_ = *session;
+}
+
+/* With another model only once what was recorded before it is shown: the first state or step of its load says so, as states come in order. */
+bool Replay::may_begin(const Coming &next) const
+{
+    const bool same = loaded_ && same_model(session_, *next.session), other_load = next.session->load != session_.load;
+    if (same && (!other_load || !simulates_)) return true;
+    return (!pending_.empty() && pending_.front().topology >= next.session->load) || is_late(next.arrival);
+}
+
+bool Replay::is_to_come(const MeshTopology &topology) const
+{
+    return !coming_.empty() && is_of(*coming_.front().session, topology);
+}
+
+void Replay::begin_session(const Session &session)
+{
+    const bool same = loaded_ && same_model(session_, session), other_load = session.load != session_.load;
+    session_ = session;
     if (same && !other_load) return;
     try {
-        if (!same) put_in(build_session(session_, shelf_.find(session_), while_ok));
+        if (!same) put_in(build_session(session_, shelf_.find(session_), while_it_goes_on()));
         else if (simulates_) rerun_->set_model(loaded_);
     } catch (const Failure &failed) {
         before_ = loaded_;
@@ -182,8 +193,10 @@ void Replay::take_session(const pliant::SessionConstPtr &session)
         ROS_ERROR("replay: what was loaded from revision %u on is not shown: %s", session_.load, failed.what());
     }
     for (const pliant::MeshTopologyConstPtr &topology : recent_)
-        if (topology->revision >= session_.load && topology->header.stamp >= session_.header.stamp) fit(*topology);
-    work_off();
+        if (is_of(session_, *topology) && !is_to_come(*topology)) fit(*topology);
+    /* nothing else was taken meanwhile */
+    for (Pending &next : pending_) next.arrival = Clock::now();
+    for (Coming &next : coming_) next.arrival = Clock::now();
 }
 
 /* Whether there is a connection for all that is listened to here and that somebody publishes, by the master's word. */
@@ -212,13 +225,13 @@ void Replay::start_player(const std::string &name, const std::string &volume)
     };
     const Clock::time_point begin = Clock::now(), end = begin + std::chrono::seconds(PLAYER_SECONDS);
     bool has_advertised = false;
-    while (ros::ok() && Clock::now() < end) {
+    while (playing_.goes_on() && Clock::now() < end) {
         has_advertised = has_advertised || ask_to_pause(true);
         const bool is_late = Clock::now() > begin + std::chrono::seconds(CONNECTION_SECONDS), is_heard = snapshots_.wanted() || !has_listener(volume);
         if (has_advertised && (is_late || (is_heard && hears_all())) && ask_to_pause(false)) return;
         ros::WallDuration(0.05).sleep();
     }
-    if (ros::ok())
+    if (playing_.goes_on())
         ROS_ERROR("replay: no player at %s after %d s; start the bag by hand", service.c_str(), PLAYER_SECONDS);
 }
 
@@ -226,7 +239,7 @@ void Replay::take_topology(const pliant::MeshTopologyConstPtr &topology)
 {
     recent_.push_back(topology);
     if (recent_.size() > MOST_RECENT) recent_.pop_front();
-    fit(*topology);
+    if (!is_to_come(*topology)) fit(*topology);
     work_off();
 }
 
@@ -244,12 +257,14 @@ void Replay::fit(const MeshTopology &topology)
 
 void Replay::take_state(const pliant::MeshStateConstPtr &state)
 {
+    watch_for_the_loop(state->header.stamp);
     pending_.push_back(Pending{state->revision, state, nullptr, Clock::now()});
     work_off();
 }
 
 void Replay::take_step(const pliant::StepConstPtr &step)
 {
+    watch_for_the_loop(step->header.stamp);
     pending_.push_back(Pending{step->load, nullptr, step, Clock::now()});
     work_off();
 }
@@ -265,23 +280,32 @@ bool Replay::waits(const Pending &next) const
 
 void Replay::work_off()
 {
-    while (!pending_.empty()) {
-        const Pending &next = pending_.front();
-        const bool is_late = Clock::now() - next.arrival > std::chrono::seconds(PATIENCE_SECONDS);
-        if (waits(next) && !is_late) return;
-        auto known = bodies_.find(next.topology);
-        if (known == bodies_.end()) {
-            ++dropped_;
-            ROS_WARN_THROTTLE(5, "replay: states of revision %u are dropped: its mesh/topology has not been played; "
-                              "play the bag from its start", next.topology);
-        } else if (!known->second.body) {
-            ++dropped_;
-            ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped",
-                              static_cast<unsigned long>(dropped_));
+    while (true) {
+        const bool is_next = !pending_.empty() && (!waits(pending_.front()) || (coming_.empty() && is_late(pending_.front().arrival)));
+        if (is_next) {
+            take_pending(pending_.front());
+            pending_.pop_front();
+        } else if (!coming_.empty() && may_begin(coming_.front())) {
+            const pliant::SessionConstPtr session = coming_.front().session;
+            coming_.pop_front();
+            begin_session(*session);
         } else {
-            show(next, known->second);
+            return;
         }
-        pending_.pop_front();
+    }
+}
+
+void Replay::take_pending(const Pending &next)
+{
+    const auto known = bodies_.find(next.topology);
+    if (known == bodies_.end()) {
+        ++dropped_;
+        ROS_WARN_THROTTLE(5, "replay: states of revision %u are dropped: its mesh/topology has not been played; play the bag from its start", next.topology);
+    } else if (!known->second.body) {
+        ++dropped_;
+        ROS_WARN_THROTTLE(5, "replay: %lu states of another scan or mesh are dropped", static_cast<unsigned long>(dropped_));
+    } else {
+        show(next, known->second);
     }
 }
 

@@ -3,6 +3,7 @@
 #define PLIANT_ROS_RECORD_REPLAY_H
 
 #include "ros/output/mesh_output.h"
+#include "ros/record/earlier.h"
 #include "ros/record/recorded.h"
 #include "ros/record/rerun.h"
 #include "ros/sim/session.h"
@@ -11,6 +12,7 @@
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include <deque>
+#include <functional>
 #include <map>
 
 namespace pliant_ros {
@@ -22,6 +24,7 @@ struct Playing {
     double start = 0;              /* played from there on [s] */
     bool simulates = false;        /* every step is made again */
     bool described = false;        /* the bags say what the model is, where they do; otherwise the parameters do */
+    std::function<bool()> goes_on = [] { return true; }; /* asked during long work; false: it is left */
 };
 
 /* Takes session, mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
@@ -43,6 +46,11 @@ private:
         Clock::time_point arrival;
     };
 
+    struct Coming {
+        pliant::SessionConstPtr session;
+        Clock::time_point arrival;
+    };
+
     struct Known {
         std::shared_ptr<const Loaded> loaded;
         std::shared_ptr<const pliant_body> body; /* empty: another scan or mesh */
@@ -50,10 +58,14 @@ private:
 
     void load();
     void put_in(std::shared_ptr<const Loaded> loaded);
-    bool find_session(const std::vector<std::string> &bags, const std::string &topic);
-    void catch_up(const Playing &playing);
+    pliant_progress while_it_goes_on();
+    void watch_for_the_loop(ros::Time stamp);
+    void catch_up();
     void make_again(const std::vector<pliant::StepConstPtr> &steps);
     void take_session(const pliant::SessionConstPtr &session);
+    bool may_begin(const Coming &next) const;
+    bool is_to_come(const pliant::MeshTopology &topology) const; /* of a session that has not begun here */
+    void begin_session(const Session &session);
     void fit(const pliant::MeshTopology &topology);
     bool waits(const Pending &next) const;
     bool hears_all() const;
@@ -62,13 +74,17 @@ private:
     void take_topology(const pliant::MeshTopologyConstPtr &topology);
     void take_state(const pliant::MeshStateConstPtr &state);
     void take_step(const pliant::StepConstPtr &step);
-    /* Topics overtake each other: states and steps wait for their topology, for a while. */
+    /* Topics overtake each other: states and steps wait for their topology, for a while, and a session for the states before it. */
     void work_off();
+    void take_pending(const Pending &next);
     void show(const Pending &next, const Known &of);
 
     const Parameters parameters_;
+    const Playing playing_;
     tf2_ros::StaticTransformBroadcaster broadcaster_;
     const bool simulates_;
+    Topics topics_;
+    ros::Time newest_; /* of the states or steps */
     ros::Subscriber sessions_, topologies_, states_, steps_;
     bool described_ = false; /* by the bags */
     Shelf shelf_;
@@ -78,6 +94,7 @@ private:
     std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
     std::map<uint32_t, Known> bodies_; /* by revision */
     Bodies made_; /* of this load */
+    std::deque<Coming> coming_;
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;
     Snapshots snapshots_{true};

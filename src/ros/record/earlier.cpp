@@ -1,0 +1,73 @@
+#include "ros/record/earlier.h"
+
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+
+#include <algorithm>
+#include <list>
+#include <stdexcept>
+
+namespace pliant_ros {
+
+namespace {
+
+template <class Message> boost::shared_ptr<const Message> read(const rosbag::MessageInstance &recorded)
+{
+    const boost::shared_ptr<const Message> out = recorded.instantiate<Message>();
+    if (!out) throw std::runtime_error(recorded.getTopic() + " in the bag is of another version of Pliant");
+    return out;
+}
+
+/* Each is a whole mesh: those of loads that are over, or of cuts that others came after, are not kept. */
+void keep(const pliant::MeshTopologyConstPtr &topology, uint32_t load, std::vector<pliant::MeshTopologyConstPtr> *kept)
+{
+    kept->push_back(topology);
+    const auto is_over = [load](const pliant::MeshTopologyConstPtr &older) { return older->revision != load; };
+    if (kept->size() > 2) kept->erase(std::remove_if(kept->begin(), kept->end() - 2, is_over), kept->end() - 2);
+}
+
+} // namespace
+
+Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics, const std::function<bool()> &goes_on)
+{
+    Earlier out;
+    std::list<rosbag::Bag> opened;
+    rosbag::View all;
+    for (const std::string &path : bags) {
+        opened.emplace_back(path, rosbag::bagmode::Read);
+        all.addQuery(opened.back());
+    }
+    if (opened.empty()) return out;
+    const ros::Time end = all.getBeginTime() + ros::Duration(static_cast<float>(start)); /* a float, as the player's is: what it plays is not taken twice */
+    const std::vector<std::string> wanted{topics.session, topics.topology, topics.step};
+    rosbag::View before;
+    for (const rosbag::Bag &bag : opened) before.addQuery(bag, rosbag::TopicQuery(wanted), ros::TIME_MIN, end - ros::Duration(0, 1));
+    uint32_t load = 0;
+    for (const rosbag::MessageInstance &recorded : before) {
+        if (!goes_on()) return out;
+        if (recorded.getTopic() == topics.session) {
+            out.session = read<pliant::Session>(recorded);
+            load = out.session->load;
+        } else if (recorded.getTopic() == topics.topology) {
+            keep(read<pliant::MeshTopology>(recorded), load, &out.topologies);
+        } else {
+            const pliant::StepConstPtr step = read<pliant::Step>(recorded);
+            if (step->sequence == 1) out.steps.clear();
+            out.steps.push_back(step);
+            load = step->load;
+        }
+    }
+    return out;
+}
+
+pliant::SessionConstPtr first_session(const std::vector<std::string> &bags, const std::string &topic)
+{
+    for (const std::string &path : bags) {
+        rosbag::Bag bag(path, rosbag::bagmode::Read);
+        rosbag::View view(bag, rosbag::TopicQuery(topic));
+        if (view.begin() != view.end()) return read<pliant::Session>(*view.begin());
+    }
+    return nullptr;
+}
+
+} // namespace pliant_ros
