@@ -39,7 +39,7 @@ static pliant_status carry(pliant_cuda_solver *gpu, const pliant_solver *solver,
     int32_t *h_source = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *h_source));
     if (!h_source) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < count; f++) h_source[f] = h_before[f] >= 0 && h_below ? h_below[h_before[f]] : h_before[f];
-    return pliant_cuda_carried_set(solver->system, &gpu->system, preconditioner->num_free, h_source, preconditioner->h_whole, gpu->stream,
+    return pliant_cuda_carried_set(solver->system, &gpu->system, &preconditioner->layout, h_source, gpu->stream,
                                    &preconditioner->carried, &preconditioner->room, possible);
 }
 

@@ -2,7 +2,6 @@
 #include "base/fail.h"
 #include "check.h"
 #include "fem/element/corotational.h"
-#include "fem/linear/carried.h"
 #include "pliant/memory.h"
 #include "sweep.cuh"
 
@@ -61,8 +60,9 @@ static void find_takers(int32_t num_free, int32_t base_free, const int32_t *sour
     found->taker_start[base_free] = all;
 }
 
-static pliant_status find_neighbours(const pliant_system *system, int32_t base_free, const int32_t *source, const uint8_t *whole, neighbours *found)
+static pliant_status find_neighbours(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, neighbours *found)
 {
+    const int32_t base_free = base->num_free;
     const size_t count = (size_t)system->num_free;
     found->inner = numbers<uint8_t>(count);
     found->near = numbers<int32_t>(count);
@@ -70,8 +70,7 @@ static pliant_status find_neighbours(const pliant_system *system, int32_t base_f
     found->taker_start = numbers<int32_t>((size_t)base_free + 1);
     found->taker = numbers<int32_t>(count);
     if (!found->inner || !found->near || !found->place || !found->taker_start || !found->taker) return pliant_fail_memory("the preconditioner");
-    CUDA_TRY(pliant_carried_opened(system->num_free, base_free, source, found->inner));
-    pliant_carried_open_divided(system, whole, found->inner);
+    CUDA_TRY(pliant_carried_opened(system, base, source, found->inner));
     found->num_inner = pliant_subdomain_inner(system, PLIANT_CARRIED_RINGS, found->inner, found->near);
     find_outer(system, found);
     find_takers(system->num_free, base_free, source, found);
@@ -221,16 +220,16 @@ static pliant_status send_all(const pliant_system *system, const gpu_system *gpu
     return invert(gpu, pivots, tiles, stream, carried, room);
 }
 
-extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, int32_t base_free, int32_t *h_source, const uint8_t *h_whole,
+extern "C" pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, const pliant_carried_layout *base, int32_t *h_source,
                                                  cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible)
 {
     neighbours found = {};
-    pliant_status status = find_neighbours(system, base_free, h_source, h_whole, &found);
+    pliant_status status = find_neighbours(system, base, h_source, &found);
     const int32_t outer = found.num_near - found.num_inner, pivots = (3 * found.num_inner + SWEEP - 1) / SWEEP, tiles = pivots + (3 * outer + SWEEP - 1) / SWEEP;
     *possible = pivots <= MOST_SWEEPS && tiles <= MOST_TILES;
     if (status == PLIANT_OK && *possible) {
         carried->num_free = system->num_free;
-        carried->base_free = base_free;
+        carried->base_free = base->num_free;
         carried->inner = found.num_inner;
         carried->outer = outer;
         carried->stride = (3 * found.num_inner + WARP - 1) / WARP * WARP;

@@ -6,6 +6,7 @@
 #ifndef PLIANT_CUDA_CARRIED_H
 #define PLIANT_CUDA_CARRIED_H
 
+#include "fem/linear/carried.h"
 #include "inverse.h"
 #include "system.h"
 
@@ -37,9 +38,9 @@ typedef struct gpu_carried_room {
     int32_t *h_source;            /* (num_free) of the host; NULL: nothing is carried over */
 } gpu_carried_room;
 
-/* h_source: (num_free) of pliant_alloc, taken over, also on an error; h_whole: pliant_carried_whole of the base. *possible: false: too much is opened, and nothing was done but that.
+/* h_source: (num_free) of pliant_alloc, taken over, also on an error; base: what V is of. *possible: false: too much is opened, and nothing was done but that.
  * Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, int32_t base_free, int32_t *h_source, const uint8_t *h_whole,
+pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, const pliant_carried_layout *base, int32_t *h_source,
                                       cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible);
 void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room); /* nothing is carried over; arrays stay */
 void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);

@@ -1,6 +1,5 @@
 #include "check.h"
 #include "base/fail.h"
-#include "fem/linear/carried.h"
 #include "pliant/memory.h"
 #include "preconditioner.h"
 
@@ -77,8 +76,7 @@ static pliant_status create_multigrid(const pliant_system *system, const gpu_sta
 
 static pliant_status create(const pliant_system *system, pliant_preconditioner_choice choice, const gpu_state_made_at *at, cudaStream_t stream, gpu_preconditioner *out)
 {
-    out->num_free = system->num_free;
-    CUDA_TRY(pliant_carried_whole(system, &out->h_whole));
+    CUDA_TRY(pliant_carried_layout_create(system, &out->layout));
     const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
     /* an octree, or macro-elements that reach over cubes, have no coarser lattice */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
@@ -112,7 +110,7 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
     pliant_cuda_carried_free(&preconditioner->carried, &preconditioner->room);
     pliant_cuda_release(preconditioner->d_axes);
     pliant_cuda_release(preconditioner->d_turned);
-    pliant_free(preconditioner->h_whole);
+    pliant_carried_layout_free(&preconditioner->layout);
     memset(preconditioner, 0, sizeof *preconditioner);
 }
 
@@ -134,8 +132,8 @@ static __global__ void __launch_bounds__(THREADS) turn_kernel(int count, const d
 
 static pliant_status turn(const gpu_preconditioner *preconditioner, bool back, const int32_t *d_skip, const float *d_from, float *d_out, cudaStream_t stream)
 {
-    const unsigned blocks = (unsigned)((preconditioner->num_free + THREADS - 1) / THREADS);
-    turn_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->num_free, preconditioner->d_axes, back, d_skip, d_from, d_out);
+    const unsigned blocks = (unsigned)((preconditioner->layout.num_free + THREADS - 1) / THREADS);
+    turn_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes, back, d_skip, d_from, d_out);
     return CUDA_LAUNCHED("turn_kernel");
 }
 
@@ -225,8 +223,8 @@ static pliant_status find_cycle_columns(const gpu_preconditioner *preconditioner
 {
     CUDA_TRY(pliant_cuda_multigrid_columns(preconditioner->multigrid, count, d_which, stride, d_column, stream));
     if (!preconditioner->d_axes) return PLIANT_OK;
-    const dim3 blocks((unsigned)((preconditioner->num_free + THREADS - 1) / THREADS), (unsigned)count);
-    turn_columns_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->num_free, preconditioner->d_axes, d_which, stride, d_column);
+    const dim3 blocks((unsigned)((preconditioner->layout.num_free + THREADS - 1) / THREADS), (unsigned)count);
+    turn_columns_kernel<<<blocks, THREADS, 0, stream>>>(preconditioner->layout.num_free, preconditioner->d_axes, d_which, stride, d_column);
     return CUDA_LAUNCHED("turn_columns_kernel");
 }
 

@@ -3,6 +3,7 @@
 #define PLIANT_CUDA_PRECONDITIONER_H
 
 #include "carried.h"
+#include "fem/linear/carried.h"
 #include "multigrid.h"
 
 #ifdef __cplusplus
@@ -12,8 +13,7 @@ extern "C" {
 typedef struct gpu_preconditioner {
     gpu_inverse inverse;
     gpu_multigrid *multigrid; /* NULL: the inverse */
-    int32_t num_free;         /* that it is of: those of a body before, where it is carried over */
-    uint8_t *h_whole;         /* Nullable: which cubes of that body are hexahedra (pliant_carried_whole) */
+    pliant_carried_layout layout; /* of the system that it is of, which is a body's before, where it is carried over; of the host */
     double *d_axes;           /* (num_free x 9) Nullable: that a V-cycle was made in, where that is not at rest; of an inverse it has them */
     float *d_turned;          /* (num_free x 3, padded) room, beside those */
     size_t bytes;

@@ -110,15 +110,13 @@ static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
     const gpu_preconditioner other = *a;
     a->inverse = b->inverse;
     a->multigrid = b->multigrid;
-    a->num_free = b->num_free;
-    a->h_whole = b->h_whole;
+    a->layout = b->layout;
     a->d_axes = b->d_axes;
     a->d_turned = b->d_turned;
     a->bytes = b->bytes;
     b->inverse = other.inverse;
     b->multigrid = other.multigrid;
-    b->num_free = other.num_free;
-    b->h_whole = other.h_whole;
+    b->layout = other.layout;
     b->d_axes = other.d_axes;
     b->d_turned = other.d_turned;
     b->bytes = other.bytes;
@@ -135,7 +133,7 @@ static pliant_status put_below(pliant_cuda_solver *gpu, const pliant_system *sys
         h_source[f] = was >= 0 ? renewal->of->system->free_of_node[was] : -1;
     }
     gpu_preconditioner *now = &gpu->preconditioner;
-    return pliant_cuda_carried_set(system, &gpu->system, renewal->made.num_free, h_source, renewal->made.h_whole, gpu->stream, &now->carried, &now->room, possible);
+    return pliant_cuda_carried_set(system, &gpu->system, &renewal->made.layout, h_source, gpu->stream, &now->carried, &now->room, possible);
 }
 
 static pliant_status deliver(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed)

@@ -165,6 +165,50 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     EXPECT_EQ(state(*body), state(*fresh));
 }
 
+/* Two cuts, each solved for until the preconditioner is the body's own, and undone one after the other: what is there of a body that gives way where it was cut would
+ * need hundreds of evaluations. */
+struct Undone : testing::TestWithParam<Case> {};
+TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
+{
+    Body body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; });
+    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    body.cells(8, 8, 8, 1);
+    body.scene.model.gravity[0] = 1;
+    body.scene.grasp.radius = 0.02;
+    body.scene.solver.refresh_interval = body.scene.solver.refresh_delay = 2;
+    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    GetParam().set(body.scene);
+    body.scene.solver.iterations = 400;
+    body.scene.solver.tolerance = 1e-8;
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    take_hold(body);
+    auto solve = [&](int count) {
+        int most = 0;
+        for (int s = 0; s < count; s++) {
+            step(body, 1);
+            most = std::max(most, body.data->statistics.iterations);
+        }
+        return most;
+    };
+    int cuts = solve(3), undos = 0;
+    for (double x : {0.081, 0.047}) {
+        const double edge[6] = {x, -0.01, 0.17, x, 0.17, 0.17}, depth[3] = {0.004, 0, -0.07};
+        ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, edge, depth, nullptr), PLIANT_OK) << pliant_last_error();
+        cuts = std::max(cuts, solve(8));
+    }
+    const int32_t cut_nodes = body.data->body->fine.num_nodes;
+    for (int undo = 0; undo < 2; undo++) {
+        ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
+        undos = std::max(undos, solve(8));
+    }
+    EXPECT_LT(body.data->body->fine.num_nodes, cut_nodes - 20);
+    std::printf("%s: up to %d evaluations in a step with cuts, %d as they are undone\n", GetParam().name, cuts, undos);
+    EXPECT_LT(undos, 2 * cuts + 20);
+}
+const Case subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SUBDIVIDE; }};
+INSTANTIATE_TEST_SUITE_P(Adapt, Undone, testing::Values(direct, multigrid, hexahedra, averaged, coarse_hexahedra, schur, patch, octree, octree_hexahedra, subdivided),
+                         [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
+
 TEST(Adapt, LodRefusesWhatItCannotDivide)
 {
     std::unique_ptr<Body> body = make(lod), other = make(lod);

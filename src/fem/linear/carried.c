@@ -20,17 +20,14 @@ void pliant_carried_free(pliant_carried *carried)
     pliant_free(carried);
 }
 
-pliant_status pliant_carried_opened(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened)
+/* ---- what is opened */
+
+/* the lattice's node where a node is; -1: a coarse one */
+static int32_t place_of(const pliant_system *system, int32_t node)
 {
-    int32_t *first = pliant_calloc((size_t)base_free, sizeof *first); /* that takes after it, + 1 */
-    if (!first) return pliant_fail_memory("the preconditioner");
-    for (int32_t f = 0; f < num_free; f++) {
-        opened[f] = source[f] < 0 || first[source[f]] > 0;
-        if (source[f] >= 0 && first[source[f]] > 0) opened[first[source[f]] - 1] = 1;
-        else if (source[f] >= 0) first[source[f]] = f + 1;
-    }
-    pliant_free(first);
-    return PLIANT_OK;
+    if (system->mesh != system->fine && !system->graded) return -1;
+    const int32_t fine = system->graded ? node - system->graded->coarse_nodes : node;
+    return fine < 0 ? -1 : system->fine->lattice_of_node[fine];
 }
 
 /* The cell of the fine lattice that an element lies in; -1: it is a coarse one. whole: it is a hexahedron */
@@ -48,42 +45,99 @@ static int32_t cell_of(const pliant_system *system, int32_t element, bool *whole
 
 static bool has_fine_cells(const pliant_system *system) { return system->macros && system->macros->cell && (system->graded || system->mesh == system->fine); }
 
-pliant_status pliant_carried_whole(const pliant_system *system, uint8_t **out)
+void pliant_carried_layout_free(pliant_carried_layout *layout)
+{
+    pliant_free(layout->place);
+    pliant_free(layout->cube);
+    memset(layout, 0, sizeof *layout);
+}
+
+pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_carried_layout *out)
 {
     const int32_t *cells = system->fine->cells;
-    *out = NULL;
-    if (!has_fine_cells(system)) return PLIANT_OK;
-    *out = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], 1);
-    if (!*out) return pliant_fail_memory("the preconditioner");
-    for (int32_t e = 0; e < system->macros->count; e++) {
+    const bool cubes = has_fine_cells(system);
+    *out = (pliant_carried_layout){.num_free = system->num_free};
+    out->place = pliant_room((size_t)system->num_free, sizeof *out->place);
+    if (cubes) out->cube = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], 1);
+    if (!out->place || (cubes && !out->cube)) return pliant_fail_memory("the preconditioner");
+    for (int32_t f = 0; f < system->num_free; f++) out->place[f] = place_of(system, system->node_of_free[f]);
+    for (int32_t e = 0; cubes && e < system->macros->count; e++) {
         bool whole;
         const int32_t cell = cell_of(system, e, &whole);
-        if (cell >= 0) (*out)[cell] |= whole;
+        if (cell >= 0) out->cube[cell] |= whole ? PLIANT_CUBE_IS_WHOLE : PLIANT_CUBE_IS_DIVIDED;
     }
     return PLIANT_OK;
 }
 
-void pliant_carried_open_divided(const pliant_system *system, const uint8_t *whole, uint8_t *opened)
+/* Unknowns whose source is shared or missing; *lost: some of the base's are nobody's source. */
+static pliant_status open_copies(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened, bool *lost)
+{
+    int32_t *first = pliant_calloc((size_t)base_free, sizeof *first); /* that takes after it, + 1 */
+    if (!first) return pliant_fail_memory("the preconditioner");
+    for (int32_t f = 0; f < num_free; f++) {
+        opened[f] = source[f] < 0 || first[source[f]] > 0;
+        if (source[f] >= 0 && first[source[f]] > 0) opened[first[source[f]] - 1] = 1;
+        else if (source[f] >= 0) first[source[f]] = f + 1;
+    }
+    for (int32_t b = 0; b < base_free; b++) *lost = *lost || first[b] == 0;
+    pliant_free(first);
+    return PLIANT_OK;
+}
+
+/* Unknowns where one of the base's is gone: it was a copy, and what is there has the other's elements now, too. */
+static pliant_status open_closed(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened)
+{
+    const int32_t *cells = system->fine->cells;
+    uint8_t *taken = pliant_calloc((size_t)base->num_free, 1);
+    uint8_t *closed = pliant_calloc((size_t)(cells[0] + 1) * (size_t)(cells[1] + 1) * (size_t)(cells[2] + 1), 1);
+    if (taken && closed) {
+        for (int32_t f = 0; f < system->num_free; f++)
+            if (source[f] >= 0) taken[source[f]] = 1;
+        for (int32_t b = 0; b < base->num_free; b++)
+            if (!taken[b] && base->place[b] >= 0) closed[base->place[b]] = 1;
+        for (int32_t f = 0; f < system->num_free; f++) {
+            const int32_t place = place_of(system, system->node_of_free[f]);
+            opened[f] |= place >= 0 && closed[place];
+        }
+    }
+    pliant_status status = taken && closed ? PLIANT_OK : pliant_fail_memory("the preconditioner");
+    pliant_free(taken);
+    pliant_free(closed);
+    return status;
+}
+
+/* Corners of elements that are hexahedra now and were not, or the other way round. */
+static void open_divided(const pliant_system *system, const uint8_t *cube, uint8_t *opened)
 {
     const pliant_macros *now = system->macros;
-    for (int32_t e = 0; whole && has_fine_cells(system) && e < now->count; e++) {
+    for (int32_t e = 0; cube && has_fine_cells(system) && e < now->count; e++) {
         bool is_whole;
         const int32_t cell = cell_of(system, e, &is_whole);
-        for (int32_t c = now->start[e]; cell >= 0 && whole[cell] && !is_whole && c < now->start[e + 1]; c++)
+        const bool other = cell >= 0 && (is_whole ? cube[cell] == PLIANT_CUBE_IS_DIVIDED : (cube[cell] & PLIANT_CUBE_IS_WHOLE) != 0);
+        for (int32_t c = now->start[e]; other && c < now->start[e + 1]; c++)
             if (system->free_of_node[now->node[c]] >= 0) opened[system->free_of_node[now->node[c]]] = 1;
     }
+}
+
+pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened)
+{
+    bool lost = false;
+    pliant_status status = open_copies(system->num_free, base->num_free, source, opened, &lost);
+    if (status == PLIANT_OK && lost) status = open_closed(system, base, source, opened);
+    if (status == PLIANT_OK) open_divided(system, base->cube, opened);
+    return status;
 }
 
 pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried)
 {
     if (carried->mended) return PLIANT_OK;
-    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1), *whole = NULL;
-    pliant_status status = opened ? pliant_carried_opened(carried->num_free, carried->base_free, carried->source, opened) : pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK) status = pliant_carried_whole(carried->system, &whole);
-    if (status == PLIANT_OK) pliant_carried_open_divided(system, whole, opened);
+    pliant_carried_layout base;
+    uint8_t *opened = pliant_calloc((size_t)carried->num_free, 1);
+    pliant_status status = pliant_carried_layout_create(carried->system, &base);
+    if (status == PLIANT_OK) status = opened ? pliant_carried_opened(system, &base, carried->source, opened) : pliant_fail_memory("the preconditioner");
     if (status == PLIANT_OK) status = pliant_subdomain_create(system, opened, PLIANT_CARRIED_RINGS, positions, axes, &carried->near);
     pliant_free(opened);
-    pliant_free(whole);
+    pliant_carried_layout_free(&base);
     carried->mended = status == PLIANT_OK;
     return status;
 }
