@@ -463,4 +463,52 @@ TEST(cut_warp, a_body_that_cannot_be_drawn_changes_nothing)
     EXPECT_EQ(pliant_warp_set_body(warp.get(), &other), PLIANT_ERROR_ARGUMENT);
 }
 
+// A device that draws with a warp of its own, and cannot follow a cut: as a GPU that is lost, or full.
+struct Device {
+    pliant_warp *drawn;
+    pliant_volume *volume;
+    pliant_status follows;
+    bool fetches;
+    int freed;
+    static Device *of(void *object) { return static_cast<Device *>(object); }
+    static const pliant_warp_device *table()
+    {
+        static pliant_warp_device made{};
+        made.free = [](void *object) { of(object)->freed++; };
+        made.update = [](void *object, const double *at) { return pliant_warp_update(of(object)->drawn, at); };
+        made.fetch = [](void *object) {
+            const pliant_volume *drawn = pliant_warp_volume(of(object)->drawn);
+            if (!of(object)->fetches) return PLIANT_ERROR_UNAVAILABLE;
+            std::memcpy(of(object)->volume->voxels, drawn->voxels, pliant_geometry_voxels(&drawn->geometry) * pliant_encoding_size(drawn->encoding));
+            return PLIANT_OK;
+        };
+        made.prepare = [](void *object, const pliant_warp_parts *, const pliant_warp_changes *, void **) { return of(object)->follows; };
+        return &made;
+    }
+};
+
+TEST(cut_warp, a_device_that_cannot_follow_a_cut_leaves_the_drawing_to_the_cpu)
+{
+    Scene scene(PLIANT_INT16, 0);
+    CutBody some(*scene.mesh, *scene.voxels, {plane(scene.middle, normals[0], [](const vector3 &at) { return at[0] < 20; })}, 2);
+    for (pliant_status status : {PLIANT_ERROR_UNAVAILABLE, PLIANT_ERROR_MEMORY})
+        for (bool fetches : {true, false}) {
+            auto warp = make_warp(*scene.scan, *scene.mesh, scene.geometry), inner = make_warp(*scene.scan, *scene.mesh, scene.geometry);
+            Device device{inner.get(), &warp->volume, status, fetches, 0};
+            const auto blank = bytes_of(*pliant_warp_volume(warp.get()));
+            warp->device = Device::table();
+            warp->accelerated = &device;
+            const auto x = waves(*scene.mesh, 0.001, 3);
+            ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
+            ASSERT_EQ(pliant_warp_set_body(warp.get(), &some.body), PLIANT_OK) << pliant_last_error();
+            EXPECT_EQ(pliant_warp_accelerated(warp.get()), nullptr);
+            EXPECT_EQ(device.freed, 1);
+            // what was drawn last is seen until the next update, where it could be had
+            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == (fetches ? bytes_of(*pliant_warp_volume(inner.get())) : blank));
+            const auto apart = waves(some.body.fine, 0.001, 4);
+            ASSERT_EQ(pliant_warp_update(warp.get(), apart.data()), PLIANT_OK);
+            EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == bytes_of(*pliant_warp_volume(scene.draw(some, scene.geometry, apart).get())));
+        }
+}
+
 } // namespace

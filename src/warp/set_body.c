@@ -24,6 +24,7 @@ struct pliant_warp_next {
     uint8_t *left;             /* (elements of before - common) 1: goes on */
     const pliant_warp_device *device;
     void *device_next;
+    bool device_lost;          /* it could not follow: the CPU draws from then on */
 };
 
 /* where no node ever is */
@@ -223,6 +224,7 @@ static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t 
     pliant_geometry_to_index(&warp->scan, mesh->rest + 3 * (size_t)node, rest + 3 * (size_t)node);
 }
 
+/* A device that fails, or has no room, stops no cut. */
 static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
 {
     const int32_t known = next->load_nodes < warp->mesh->num_nodes ? next->load_nodes : warp->mesh->num_nodes;
@@ -237,9 +239,9 @@ static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
     parts.rest_known = known;
     if (next->fit) parts.fit = pliant_fit_parts(next->fit);
     next->device = warp->device;
-    pliant_status status = warp->device->prepare(warp->accelerated, &parts, &next->changes, &next->device_next);
+    next->device_lost = warp->device->prepare(warp->accelerated, &parts, &next->changes, &next->device_next) != PLIANT_OK;
     pliant_free(rest);
-    return status;
+    return PLIANT_OK;
 }
 
 static pliant_status prepare_fit(const pliant_warp *warp, pliant_warp_next *next)
@@ -281,8 +283,15 @@ static void swap(void *a, void *b)
     memcpy(b, &one, sizeof one);
 }
 
+static void leave_device(pliant_warp *warp)
+{
+    pliant_warp_volume(warp); /* as it drew it last, if that can be had, until the next update */
+    pliant_warp_fall_back(warp);
+}
+
 void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
 {
+    if (next->device_lost) leave_device(warp);
     const pliant_mesh *mesh = next->mesh;
     const int32_t guests = next->changes.now - mesh->num_tets;
     const pliant_warp_changes *changes = &next->changes;
