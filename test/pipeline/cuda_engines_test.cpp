@@ -144,7 +144,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
     const pliant_body *load = runs.body->model->body;
     const pliant_scene &scene = runs.body->scene;
     double worst = 0, far = 0, force = 0, forces = 0;
-    int32_t most = 0, patched = 0;
+    int32_t most = 0, patched = 0, evaluations[2][2] = {{0, 0}, {0, 0}}; // with cuts, and as they are undone; of CPU and GPU
     uint32_t taken = 0;
     for (int s = 0; s < STEPS; s++) {
         SCOPED_TRACE(s);
@@ -154,6 +154,7 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
         ASSERT_EQ(state(runs.of(1)), state(runs.of(2))) << "not the same bits again";
         most = std::max(most, cpu->body->fine.num_nodes);
         patched = std::max(patched, gpu->statistics.patched);
+        for (size_t run = 0; run < 2; run++) evaluations[s >= UNDO][run] = std::max(evaluations[s >= UNDO][run], runs.data[run]->statistics.iterations);
         taken |= pliant_data_get_background_taken(gpu);
         worst = std::fmax(worst, apart(cpu, gpu));
         far = std::fmax(far, moved(cpu));
@@ -163,8 +164,9 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
                 forces = std::fmax(forces, std::fabs(cpu->tools[t].force[d] - gpu->tools[t].force[d]));
             }
     }
-    std::printf("%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart\n", GetParam().name, load->fine.num_nodes, most,
-                worst / far, 1e3 * far, forces / force, force);
+    std::printf("%-26s %4d nodes, %4d at most; positions %.1e of %4.1f mm, forces %.1e of %.2g N apart; up to %d and %d evaluations, as cuts are undone %d and %d\n",
+                GetParam().name, load->fine.num_nodes, most, worst / far, 1e3 * far, forces / force, force, evaluations[0][0], evaluations[0][1], evaluations[1][0],
+                evaluations[1][1]);
     EXPECT_GT(most, load->fine.num_nodes + 20);
     EXPECT_TRUE(pliant_body_same(gpu->body, load));
     EXPECT_LT(worst, bounds_of(scene).positions * far);

@@ -45,6 +45,9 @@ void drop_data(Body &body)
     body.data = nullptr;
 }
 
+// Of later calls, of which there are many alike, only some fail.
+int64_t next_to_fail(int64_t call, int stride) { return call + stride + call / 40; }
+
 /* ---- whole runs; patch: radius, or 0 */
 
 void fail_every_call(const Case &c, double patch, int stride)
@@ -53,6 +56,7 @@ void fail_every_call(const Case &c, double patch, int stride)
     Body good(size, box, three, inclusions), body(size, box, three, inclusions);
     for (Body *each : {&good, &body}) {
         prepare(*each, c, each == &good ? PLIANT_CPU : PLIANT_AUTO);
+        each->cells(2, 2, 2, 2);
         each->scene.model.patch = patch;
         each->scene.model.patch_delay = 1;
     }
@@ -63,7 +67,7 @@ void fail_every_call(const Case &c, double patch, int stride)
     drop_data(body);
     Told told;
     int given_up = 0;
-    for (int64_t calls = 0, left = -1; left < 0; calls += stride) {
+    for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, stride)) {
         ASSERT_LT(calls, 5000);
         SCOPED_TRACE(calls);
         told.count = 0;
@@ -79,7 +83,7 @@ void fail_every_call(const Case &c, double patch, int stride)
         if (left >= 0) EXPECT_TRUE(!is_on_cpu(body) && pliant_warp_accelerated(body.data->warp) && draws_what_the_cpu_draws(body)) << told.last;
         drop_data(body);
     }
-    EXPECT_GT(given_up, 50 / stride);
+    EXPECT_GT(given_up, 30 / stride);
     ::testing::Test::RecordProperty("given_up", std::to_string(given_up).c_str());
 }
 
@@ -152,7 +156,7 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
         drop_data(body);
         Told told;
         int given_up = 0;
-        for (int64_t calls = 0, left = -1; left < 0; calls += run.stride + calls / 100) {
+        for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, run.stride)) {
             ASSERT_LT(calls, 10000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << pliant_last_error();
@@ -179,7 +183,7 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
             }
             drop_data(body);
         }
-        EXPECT_GT(given_up, 50 / run.stride);
+        EXPECT_GT(given_up, 30 / run.stride);
     }
 }
 
@@ -200,7 +204,7 @@ TEST(CudaFailure, AmidContact)
         // in the second step an edge is found or not by a hair: 1e-9 m in a node's place make 2e-7 m on the CPU itself
         const double bound[2] = {1e-5 * 12 * cuda_contacts::h, 1e-4 * 12 * cuda_contacts::h};
         int given_up = 0;
-        for (int64_t calls = 0, left = -1; left < 0; calls += (c.spring ? 1 : 3) + calls / 40) {
+        for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, c.spring ? 1 : 3)) {
             ASSERT_LT(calls, 50000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK) << pliant_last_error();
@@ -235,7 +239,7 @@ TEST(CudaFailure, AmidAnInverseOfTheStepsOwnState)
         ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
         drop_data(sheet);
         Told told;
-        for (int64_t calls = 0, left = -1; left < 0; calls += 11 + calls / 30) {
+        for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, 11)) {
             ASSERT_LT(calls, 50000);
             SCOPED_TRACE(calls);
             ASSERT_EQ(pliant_data_create(sheet.model, &sheet.data), PLIANT_OK) << pliant_last_error();
