@@ -9,10 +9,10 @@
 #include <random>
 #include <vector>
 
-// Of steps: until they are solved, within a budget, or live; of which elements; of explicit dynamics.
+// Of steps: until they are solved, within a budget, or even, as live ones are; of which elements; of explicit dynamics.
 struct Mode {
     double budget_ms = 0;
-    bool live = false;
+    pliant_background_kind background = PLIANT_BACKGROUND_PLANNED; // prescribed: as in a live run in which nothing that is made in the background comes in time, which is the same everywhere
     pliant_element_kind element = PLIANT_LINEAR;
     bool dynamic = false;
 };
@@ -66,7 +66,7 @@ inline Swept sweep(const Way &on, Mode mode = {})
     Sheet sheet(1, on.friction, mode.budget_ms, mode.element, mode.dynamic);
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
     bool meets_held = false;
-    if (mode.live) EXPECT_EQ(pliant_data_set_background(sheet.data, PLIANT_BACKGROUND_LIVE, 0), PLIANT_OK);
+    EXPECT_EQ(pliant_data_set_background(sheet.data, mode.background, 0), PLIANT_OK);
     for (int step = 0; step < on.steps() + 4; step++) {
         move(sheet, tool, on, step);
         meets_held = meets_held || comes_by_what_is_held(sheet, tool, on, step);

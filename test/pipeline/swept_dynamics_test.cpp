@@ -8,7 +8,7 @@
 
 namespace {
 
-constexpr Mode dynamic = {0, false, PLIANT_LINEAR, true};
+constexpr Mode dynamic = {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, true};
 
 std::vector<double> positions_of(const Sheet &sheet, const pliant_data *data) { return {data->positions, data->positions + 3 * sheet.model->body->fine.num_nodes}; }
 
