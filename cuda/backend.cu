@@ -110,6 +110,8 @@ static pliant_status restart(const pliant_model *model, pliant_data *data)
     return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
 }
 
+static pliant_status move(const pliant_model *, pliant_data *data) { return pliant_cuda_solver_move(state_of(data)->solver, data->solver); }
+
 /* of a coarse mesh it was brought when the step ended */
 static void download(const pliant_model *model, pliant_data *data)
 {
@@ -217,6 +219,7 @@ static constexpr pliant_backend table()
     made.free = destroy;
     made.follow = follow;
     made.restart = restart;
+    made.move = move;
     made.download = download;
     made.solve = solve;
     made.upsample = upsample;

@@ -181,6 +181,16 @@ extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu
     return PLIANT_OK;
 }
 
+extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    gpu_preconditioner another = {};
+    pliant_fail_quietly(true);
+    const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, nullptr, &another);
+    pliant_fail_quietly(false);
+    pliant_cuda_preconditioner_free(&another);
+    return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made") : PLIANT_OK;
+}
+
 /* What is under way is of no use any more. */
 static void stop(pliant_cuda_solver *gpu)
 {

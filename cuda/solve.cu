@@ -21,6 +21,7 @@ static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
     if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
     CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_room));
     CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, nullptr, &gpu->preconditioner));
+    if (solver->budget > 0) CUDA_TRY(pliant_cuda_preconditioner_time(gpu, solver));
     CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
     CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
     CUDA_TRY(pliant_cuda_solver_record(gpu));
@@ -100,6 +101,13 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     gpu->in_use.turned_at = 0;
     CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    gpu->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* as pliant_solver_moved: the axes turn at once */
+    return pliant_cuda_solver_begin(gpu, solver);
 }
 
 /* ---- in a step */
@@ -255,6 +263,7 @@ struct step_so_far {
     double error_before;
     bool turned;               /* axes were turned for what could not be made then */
     double start;              /* [s] */
+    double seconds;            /* that evaluations took */
 };
 
 /* What evaluations have led to: the tools' forces, and how many there were. */
@@ -273,21 +282,30 @@ static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step 
     statistics->rejected += (uint64_t)rules->rejected;
 }
 
-/* As come_out of solver.c. */
+static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
+{
+    const double start = solver->clock(solver->clock_user);
+    CUDA_TRY(step->touches ? pliant_cuda_touches_run(gpu, solver, step) : run(gpu, step));
+    so_far->seconds += solver->clock(solver->clock_user) - start;
+    note(gpu, solver, step, statistics, so_far);
+    return PLIANT_OK;
+}
+
+/* As come_out of solver.c: even a live step is better late, but one with a budget has so many evaluations more as there is time for. */
 static pliant_status come_out(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, gpu_step *step, step_so_far *so_far)
 {
     bool made = true;
     for (int again = 0; again < PLIANT_MOST_STUCK && made && pliant_touches_are_stuck(solver->touches, &gpu->h_state->rules, pliant_cuda_touches_moved(&gpu->touches)); again++) {
         int32_t opened = 0;
-        if (!pliant_solver_has_time_for(solver, so_far->start, gpu->making_seconds)) break;
+        const double each = so_far->solved > 0 ? so_far->seconds / so_far->solved : 0;
+        if (!pliant_solver_has_time_for(solver, so_far->start, gpu->making_seconds + each)) break;
         CUDA_TRY(pliant_cuda_renew_now(gpu, solver, statistics, &made));
         so_far->turned = !made;
         if (!made) break;
         *step = {};
         CUDA_TRY(prepare(gpu, solver, gravity, statistics, true, step, &opened));
-        step->limit.evaluations = INT32_MAX; /* even a live step is better late */
-        CUDA_TRY(pliant_cuda_touches_run(gpu, solver, step));
-        note(gpu, solver, step, statistics, so_far);
+        step->limit = {pliant_solver_affordable(solver, so_far->start, solver->clock(solver->clock_user), each), INFINITY};
+        CUDA_TRY(run_any(gpu, solver, step, statistics, so_far));
     }
     return PLIANT_OK;
 }
@@ -308,8 +326,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
         return PLIANT_OK;
     }
     CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.opened));
-    CUDA_TRY(step.touches ? pliant_cuda_touches_run(gpu, solver, &step) : run(gpu, &step));
-    note(gpu, solver, &step, statistics, &so_far);
+    CUDA_TRY(run_any(gpu, solver, &step, statistics, &so_far));
     if (step.touches) CUDA_TRY(come_out(gpu, solver, gravity, statistics, &step, &so_far));
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;

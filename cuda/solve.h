@@ -24,6 +24,8 @@ pliant_status pliant_cuda_solver_follow(pliant_cuda_solver *gpu, const pliant_so
 void pliant_cuda_solver_free(pliant_cuda_solver *gpu); /* Nullable */
 /* Take the host's state again (after a reset). */
 pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver);
+/* Take where the host has the nodes; the preconditioner stays, of whatever state it is. */
+pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
 /* pliant_solver_step: the tools' forces and the statistics come back, positions stay. */
 pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics);

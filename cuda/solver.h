@@ -87,6 +87,8 @@ pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
 pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed);
 /* One for the system at hand, waited for and timed. at: Nullable: at rest. Errors: MEMORY, NUMERIC, UNAVAILABLE; out may hold part of it then. */
 pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out);
+/* How long it takes, once more, since the first one of a process loads kernels. Without memory for it that stands. Errors: UNAVAILABLE. */
+pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* In place of one of this body: of the state that the step has led to, at once; *made: false: none could be made, or it is carried over from a body before. It
  * turns the axes. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made);

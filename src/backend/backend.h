@@ -42,6 +42,7 @@ struct pliant_backend {
      * *possible is false, or on an error, it is made anew. Nullable: it always is. Errors: MEMORY, UNAVAILABLE. */
     pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible);
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
+    pliant_status (*move)(const pliant_model *model, pliant_data *data); /* nodes of it are elsewhere, and nothing else has changed; Nullable: as restart */
     void (*download)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver; NULL: it is there */
 
     /* STAGES, each from the state that the one before left */
@@ -80,6 +81,8 @@ const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
 /* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
+/* The same where nodes are elsewhere, amid a step, and nothing else has changed: what was made for the step so far is kept. */
+pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data);
 /* The host's state is of another body than before's, whose arrays are still there: the backend follows, makes its own anew, or the CPU
  * goes on. */
 void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);

@@ -61,10 +61,17 @@ void pliant_backend_follow(const pliant_model *model, pliant_data *data, const p
     if (data->warp) pliant_warp_fall_back(data->warp);
 }
 
-pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data)
+static pliant_status or_the_cpu(const pliant_model *model, pliant_data *data, pliant_status status)
 {
-    pliant_status status = data->backend->restart(model, data);
     return status < 0 && pliant_backend_fall_back(model, data, status) ? PLIANT_OK : status;
+}
+
+pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data) { return or_the_cpu(model, data, data->backend->restart(model, data)); }
+
+pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data)
+{
+    const pliant_backend *backend = data->backend;
+    return or_the_cpu(model, data, backend->move ? backend->move(model, data) : backend->restart(model, data));
 }
 
 const char *pliant_data_get_backend(const pliant_data *data) { return data->backend->name; }

@@ -460,12 +460,12 @@ static int32_t take_in(pliant_data *data, pliant_contacts *found)
 
 static const double spins = 1; /* [rad] in a step: further, a part does not hold what is before it (find.c) */
 
-double pliant_contact_turn(const pliant_data *data)
+double pliant_contact_turn(const pliant_model *model, const pliant_data *data)
 {
     double most = 0;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
-        if (tool->present && tool->last.known) most = fmax(most, pliant_rotation_angle(tool->last.rotation, tool->rotation) / spins);
+        if (tool->shape.num_parts > 0 && pliant_contact_goes_on(model, tool)) most = fmax(most, pliant_rotation_angle(tool->last.rotation, tool->rotation) / spins);
     }
     return most;
 }
@@ -478,10 +478,10 @@ static double thinnest_of(const pliant_contact_search *search)
     return thinnest;
 }
 
-bool pliant_contact_may_pass(const pliant_data *data)
+bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
 {
     if (!data->contact_search || !data->solver || !(thinnest_of(data->contact_search) < INFINITY)) return false;
-    return pliant_contact_turn(data) <= 1 && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
+    return pliant_contact_turn(model, data) <= 1 && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
 }
 
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
@@ -489,7 +489,7 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    if (!pliant_contact_may_pass(data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
+    if (!pliant_contact_may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
     const double way = pliant_contact_way(search->finder, positions);
     if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
     search->made.count = 0;

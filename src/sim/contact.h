@@ -17,12 +17,12 @@ bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
 /* Over parts of tools and obstacles, the most of how far one and the tissue near it go in this step, over its depth; every node goes on by its increment (nodes x 3) so many times [m]. */
 double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);
 /* Whether there are parts that tissue may pass in this step: pliant_contact_passed has to be asked. */
-bool pliant_contact_may_pass(const pliant_data *data);
+bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data);
 /* A quasi-static step is solved, and its positions are the host's: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points now, with which it is solved
  * again. Without memory for it: false. */
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data);
-/* The most that a tool turns in the step, of what can be followed. */
-double pliant_contact_turn(const pliant_data *data);
+/* The most that a tool with a shape turns in the step, of what can be followed; one that has jumped turns nothing on its way. */
+double pliant_contact_turn(const pliant_model *model, const pliant_data *data);
 /* Whether anything pressed as the last step ended. */
 bool pliant_contact_presses(const pliant_data *data);
 /* It is solved again from where it has ended: what begins to touch sticks where it is now. */

@@ -165,9 +165,11 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, c
     enum { MOST = 6 };
     const bool kept = parts->kept;
     int again = 0;
-    if (!pliant_contact_may_pass(data)) return first;
-    pliant_status status = place(model, data, false);
+    const bool may_pass = pliant_contact_may_pass(model, data);
+    if (!may_pass && parts->at == parts->count) return first;
+    pliant_status status = place(model, data, false); /* the next part begins there, too */
     if (status < 0) return status;
+    if (!may_pass) return first;
     status = first;
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data); again++) {
@@ -222,7 +224,7 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
         /* the first stages are the host's own */
         if (status < 0 && stage > PLIANT_STEP_contact && pliant_backend_fall_back(model, data, status)) {
-            bool on_host = backend->solves_on_host || (stage == PLIANT_STEP_warp && (pliant_host_moves(data) || pliant_contact_may_pass(data))); /* only this stage is done again */
+            bool on_host = backend->solves_on_host || (stage == PLIANT_STEP_warp && (pliant_host_moves(data) || pliant_contact_may_pass(model, data))); /* only this stage is done again */
             stage = on_host ? stage - 1 : PLIANT_STEP_solve - 1; /* again, by the CPU */
             continue;
         }

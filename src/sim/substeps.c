@@ -60,7 +60,7 @@ static pliant_status put(const pliant_model *model, pliant_data *data, const pla
     placed now = {.positions = data->positions, .solved = solver->now.x};
     copy(data, at, &now);
     pliant_solver_moved(solver);
-    const pliant_status status = pliant_backend_restart(model, data);
+    const pliant_status status = pliant_backend_move(model, data);
     solver->even = even;
     return status;
 }
@@ -139,7 +139,7 @@ void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_
     if (!far || !keep_all(data)) return;
     parts->most = MOST;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], data->solver->handles[t].target, sizeof parts->target[t]);
-    while (parts->count < parts->most && pliant_contact_turn(data) > parts->count) parts->count *= 2;
+    while (parts->count < parts->most && pliant_contact_turn(model, data) > parts->count) parts->count *= 2;
     if (parts->count > 1) go(model, data, parts);
 }
 

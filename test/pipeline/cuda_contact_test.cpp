@@ -165,6 +165,75 @@ TEST(CudaContact, ABudgetLeavesTimeForANewFactorOrNone)
     }
 }
 
+// And as many evaluations with it as there is time for: by a clock that goes on by 1 s each time that it is asked, a quarter of what the first ones took.
+TEST(CudaContact, ABudgetLeavesTimeForSoManyEvaluationsWithANewFactor)
+{
+    NEEDS_GPU();
+    static double seconds;
+    Sheet sheet(PLIANT_CUDA, PLIANT_DIRECT, 1, 30);
+    sheet.scene.solver.budget_ms = 6250; // six times it is asked from the beginning of the solve until the evaluations with the new factor begin
+    sheet.scene.solver.refresh_interval = 0;
+    ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
+    sheet.data->solver->clock = [](void *) { return seconds += 1; };
+    int32_t most = 0;
+    for (int s = 0; s < 6; s++) {
+        ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
+        most = std::max(most, sheet.data->statistics.iterations);
+    }
+    std::printf("up to %d evaluations in a step\n", most);
+    EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();
+    EXPECT_GT(sheet.data->statistics.factors, 0u);
+    EXPECT_LT(most, 30 + 15);
+}
+
+// A tool that jumps passes nothing on its way, however it turns: that of another one is followed as if there were none.
+TEST(CudaContact, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
+{
+    NEEDS_GPU();
+    std::vector<double> ended[2];
+    for (int run = 0; run < 2; run++) {
+        Sheet sheet(PLIANT_CUDA, PLIANT_DIRECT, 1, 30);
+        ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
+        int arm = -1;
+        if (run > 0) ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "arm", &arm), PLIANT_OK);
+        for (int s = 0; s < 6; s++) {
+            const double half = 0.75 * std::min(s, 1), rotation[4] = {0, std::sin(half), 0, std::cos(half)}, tip[3] = {0.03 + 0.06 * std::min(s, 1), 0.03, 0.3};
+            if (run > 0) ASSERT_EQ(pliant_tool_set_pose(sheet.data, arm, tip, rotation), PLIANT_OK);
+            ASSERT_GE(sheet.step(s, 0.0297), 0) << pliant_last_error();
+        }
+        EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();
+        EXPECT_GT(farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes), 0.02);
+        ended[run].assign(sheet.data->positions, sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
+    }
+    EXPECT_EQ(ended[0], ended[1]);
+}
+
+// A rod that turns about its end, from above the sheet into it, by more than can be followed at once: the second part begins where the first one has ended.
+TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
+{
+    for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
+        if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
+        Sheet sheet(backend, PLIANT_DIRECT, 1, 30);
+        int tool = -1;
+        pliant_tool_shape rod{};
+        rod.num_parts = 1;
+        rod.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, 0, 0}, {0.02, 0, 0}, 0.001, false};
+        ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_add(sheet.model, sheet.data, "rod", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_shape(sheet.data, tool, &rod), PLIANT_OK) << pliant_last_error();
+        for (int s = 0; s < 6; s++) {
+            const double half = 0.5 * (s == 0 ? -0.5 : 1.5), rotation[4] = {0, std::sin(half), 0, std::cos(half)}, tip[3] = {0.027, 0.031, 0.011};
+            ASSERT_EQ(pliant_tool_set_pose(sheet.data, tool, tip, rotation), PLIANT_OK);
+            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+            if (s == 1) EXPECT_GE(sheet.data->parts, 2);
+        }
+        const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
+        std::printf("%s: carried by %.2f mm\n", pliant_data_get_backend(sheet.data), 1e3 * carried);
+        EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+        EXPECT_GT(carried, 0.008);
+    }
+}
+
 struct Fall : Body {
     // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
     Fall(int blocks, bool self, bool still, pliant_backend_choice backend)

@@ -117,6 +117,30 @@ TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
             }
 }
 
+// A tool that jumps passes nothing on its way, however it turns: that of another one is followed as if there were none, whether the one that jumps has a shape or not.
+TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
+{
+    for (const double x : {0.0253, 0.0297, 0.0341}) {
+        std::vector<double> ended[3];
+        for (int run = 0; run < 3; run++) { // by itself, beside an arm without a shape, beside one with a shape
+            Sheet sheet(1);
+            const int tool = sheet.add("tool", rod(0.0005), x, 0.03, 0.0165);
+            const int arm = run > 0 ? sheet.add("arm", run > 1 ? rod(0.0005) : pliant_tool_shape{}, 0.03, 0.03, 0.3) : -1;
+            for (int step = 0; step < 5; step++) {
+                const double half = 0.75 * std::min(step, 1), rotation[4] = {0, std::sin(half), 0, std::cos(half)};
+                sheet.move(tool, x, 0.03, 0.0165 - 0.02 * std::min(step, 2));
+                if (arm >= 0) sheet.move(arm, 0.03 + 0.06 * std::min(step, 1), 0.03, 0.3, rotation);
+                ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+            }
+            ended[run].assign(sheet.data->positions, sheet.data->positions + 3 * sheet.data->body->fine.num_nodes);
+            EXPECT_LT(sheet.deepest_of_surface(tool), 2e-4);
+            EXPECT_GT(sheet.farthest(), 0.02);
+        }
+        EXPECT_EQ(ended[0], ended[1]) << x;
+        EXPECT_EQ(ended[0], ended[2]) << x;
+    }
+}
+
 // Wherever memory runs out in it, a step in parts leaves the state before it, or is done; and the next one goes on.
 TEST(Swept, AStepInPartsThatFailsIsUndone)
 {

@@ -32,13 +32,18 @@ bool pliant_solver_has_time_for(const pliant_solver *solver, double start, doubl
     return !(solver->budget > 0) || solver->clock(solver->clock_user) + seconds < start + time_left(solver);
 }
 
+int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each)
+{
+    const double left = start + time_left(solver) - now;
+    return solver->budget > 0 && each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
+}
+
 /* how many more evaluations would be done within the budget, or as even steps have them */
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
     if (!(solver->budget > 0)) return pliant_even_remaining(&time->limit, time->solved, first_merit);
     const double now = solver->clock(solver->clock_user), each = time->whole > 0 ? (now - time->begun) / time->whole : solver->evaluation_seconds;
-    const double left = time->start + time_left(solver) - now;
-    return each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
+    return pliant_solver_affordable(solver, time->start, now, each);
 }
 
 /* how the potential energy changes along the trial's step where it ends; springs and contacts have no part in it: where there are some, 0 */

@@ -174,6 +174,8 @@ static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { retur
 bool pliant_solver_has_time(const pliant_solver *solver);
 /* Whether what takes so many seconds, such as a new factor, would be there before the budget of a solve that began at `start` [s] ends. */
 bool pliant_solver_has_time_for(const pliant_solver *solver, double start, double seconds);
+/* How many evaluations, of `each` [s], would be done before it from `now` on; INT32_MAX: without a budget, or where that is not known (0). */
+int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each);
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
 pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *statistics);
 
