@@ -1,0 +1,176 @@
+// Sessions of every engine with cuts, recorded as the node records them, into a bag: made again from there, each turn to the bit. On a GPU where
+// there is one, then of all engines. No master, no clock.
+#include "../pipeline/adapt_cases.h"
+#include "ros/record/rerun.h"
+
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+
+#include <cstdlib>
+#include <unistd.h>
+
+namespace {
+
+using pliant_ros::CutInput;
+using pliant_ros::Loaded;
+using pliant_ros::Rerun;
+using pliant_ros::Step;
+using pliant_ros::ToolInput;
+
+const Case subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SUBDIVIDE; }};
+const Case octree_dynamic{"tled_octree", [](pliant_scene &scene) {
+                              dynamic.set(scene);
+                              octree.set(scene);
+                          }};
+const Case tough{"tough", [](pliant_scene &scene) { scene.cut.resistance = 1; }};
+
+enum { HOLD = 0, FIRST = 2, LINE = 9, UNDO = 14, STEPS = 20, MOST_WAITS = 1000 };
+
+// A block that hangs from its floor, pulled in two places; its model is on a GPU where there is one, and reads the scan of the body.
+struct Session {
+    Body body;
+    std::shared_ptr<Loaded> loaded = std::make_shared<Loaded>();
+    explicit Session(const Case &each)
+        : body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; })
+    {
+        body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        body.cells(8, 8, 8, 1);
+        body.scene.grasp.radius = 0.02;
+        body.scene.solver.refresh_interval = 2;
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
+        body.scene.cut.resistance = 0;
+        each.set(body.scene);
+        for (uint32_t m = 0; m < body.table.num_materials; m++) body.table.materials[m].toughness = 100;
+        body.scene.solver.backend = PLIANT_AUTO;
+        EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {nullptr, nullptr}, &loaded->model), PLIANT_OK) << pliant_last_error();
+        loaded->revision = 1;
+    }
+};
+
+// What the node would have heard at a time s.
+Step heard(int s)
+{
+    Step step;
+    step.load = 1;
+    step.iterations = 20;
+    step.tolerance = 1e-6;
+    step.stiffness = 200;
+    step.gravity = {{1, 0, s > 6 ? -0.5 : 0}};
+    const double points[3][3] = {{0.03, 0.08, 0.15}, {0.13, 0.08, 0.15}, {0.081, 0.08, 0.172}};
+    for (int t = 0; t < 3; t++) {
+        ToolInput tool;
+        tool.name = t == 0 ? "left" : t == 1 ? "right" : "knife";
+        tool.present = t < 2 || (s >= FIRST && s < LINE);
+        std::copy(points[t], points[t] + 3, tool.tip.begin());
+        tool.tip[1] += t < 2 ? (t ? 4e-4 : -4e-4) * s : 0;
+        tool.tip[2] += t < 2 ? 2e-4 * s : -0.016 * std::max(0, std::min(s - FIRST, 4));
+        tool.rotation[3] = 1;
+        tool.closes = t < 2 && s == HOLD;
+        tool.closed = t < 2;
+        tool.cuts = t == 2 && s >= FIRST && s < FIRST + 5;
+        if (t == 2) tool.blade_from[1] = -0.12, tool.blade_to[1] = 0.12;
+        step.tools.push_back(tool);
+    }
+    if (s == LINE || s == UNDO || s == UNDO + 2) {
+        CutInput cut;
+        cut.undo = s != LINE;
+        cut.points.resize(cut.undo ? 0 : 2);
+        if (!cut.undo) {
+            cut.points[0].x = cut.points[1].x = 0.047;
+            cut.points[0].y = -0.01;
+            cut.points[1].y = 0.17;
+            cut.points[0].z = cut.points[1].z = 0.18;
+            cut.depth.z = -0.08;
+        }
+        step.cuts.push_back(cut);
+    }
+    return step;
+}
+
+struct Recording {
+    std::string path;
+    uint64_t turns = 0;
+    int32_t nodes = 0, most = 0; // at load, and with cuts
+    uint32_t taken = 0;
+    std::string backend;
+    explicit Recording(const std::shared_ptr<const Loaded> &loaded) : path(testing::TempDir() + "recording_test_" + std::to_string(getpid()) + ".bag")
+    {
+        const pliant_model &model = *loaded->model;
+        pliant_ros::Data data = pliant_ros::create_data(model);
+        rosbag::Bag bag(path, rosbag::bagmode::Write);
+        nodes = pliant_data_get_body(data.get())->fine.num_nodes;
+        const bool waits = pliant_model_get_scene(&model)->solver.kind == PLIANT_COROTATIONAL; // for what is made in the background, on a busy machine, too
+        for (int s = 0; s < STEPS; s += s != UNDO - 1 || !waits || taken != 0 || turns > MOST_WAITS) {
+            Step step = heard(s);
+            step.sequence = ++turns;
+            if (turns == 1) pliant_ros::add_tools(model, data.get(), step.tools);
+            for (const CutInput &cut : step.cuts) {
+                pliant_cut_report report;
+                pliant_ros::make_cut(model, data.get(), cut, &report);
+            }
+            pliant_ros::tell_outcome(pliant_ros::make_step(model, data.get(), PLIANT_BACKGROUND_LIVE, step), *data, &step);
+            EXPECT_GE(step.status, 0) << pliant_last_error();
+            step.revision = pliant_ros::revision_of(*loaded, pliant_data_get_body(data.get())->revision);
+            step.header.stamp = ros::Time(100 + 0.02 * static_cast<double>(turns));
+            bag.write("/tissue/step", step.header.stamp, step);
+            most = std::max(most, pliant_data_get_body(data.get())->fine.num_nodes);
+            taken |= step.background;
+            std::this_thread::sleep_for(std::chrono::milliseconds(s < UNDO ? 10 : 0));
+        }
+        backend = pliant_data_get_backend(data.get());
+    }
+    ~Recording() { std::remove(path.c_str()); }
+    Recording(const Recording &) = delete;
+    Recording &operator=(const Recording &) = delete;
+    // what is in the bag, a turn after the other, each changed
+    void replay(Rerun *rerun, const std::function<void(Step *)> &change) const
+    {
+        rosbag::Bag bag(path, rosbag::bagmode::Read);
+        rosbag::View view(bag, rosbag::TopicQuery("/tissue/step"));
+        for (const rosbag::MessageInstance &message : view) {
+            Step step = *message.instantiate<Step>();
+            change(&step);
+            ASSERT_TRUE(rerun->take(step));
+        }
+    }
+};
+
+bool has_gpu()
+{
+    static const std::string backend = pliant_data_get_backend(pliant_ros::create_data(*Session(direct).loaded->model).get());
+    return backend == "cuda";
+}
+
+struct EveryEngine : testing::TestWithParam<Case> {};
+TEST_P(EveryEngine, IsMadeAgainFromItsBag)
+{
+    const std::string name = GetParam().name;
+    if (!has_gpu() && name != "direct" && name != "hexahedra" && name != "averaged" && name != "octree_hexahedra" && name != "tled") GTEST_SKIP() << "on a GPU";
+    const Session session(GetParam());
+    const std::shared_ptr<const Loaded> loaded = session.loaded;
+    ASSERT_TRUE(loaded->model);
+    const Recording recording(loaded);
+    EXPECT_EQ(recording.backend, has_gpu() ? "cuda" : "cpu");
+    EXPECT_GT(recording.most, recording.nodes + 20);
+    Rerun again(loaded);
+    recording.replay(&again, [](Step *) {});
+    EXPECT_EQ(again.made(), recording.turns);
+    EXPECT_EQ(again.differing(), 0u) << again.summary();
+    // what was done, and when what was made in the background came to use, both count
+    Rerun shifted(loaded);
+    recording.replay(&shifted, [](Step *step) { step->tools[0].tip[0] += step->sequence > LINE ? 1e-9 : 0; });
+    EXPECT_GT(shifted.differing(), 0u);
+    Rerun never(loaded);
+    recording.replay(&never, [](Step *step) { step->background = 0; });
+    EXPECT_EQ(never.differing() > 0, recording.taken != 0);
+    const pliant_scene &scene = *pliant_model_get_scene(loaded->model);
+    if (scene.solver.kind == PLIANT_COROTATIONAL) EXPECT_NE(recording.taken, 0u);
+    std::printf("%-20s %s, %d to %d nodes, background results taken 0x%x: %s\n", GetParam().name, recording.backend.c_str(), recording.nodes, recording.most,
+                recording.taken, again.summary().c_str());
+}
+INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
+                         testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain, coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra, octree,
+                                         octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic, relaxed),
+                         [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
+
+} // namespace
