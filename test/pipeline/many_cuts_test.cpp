@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <malloc.h>
+#include <memory>
 #include <thread>
 
 namespace {
@@ -220,11 +221,13 @@ TEST_P(EveryHolder, TellsItsOwnBytes)
     body.data = nullptr;
     const size_t before = pliant_memory_in_use();
     const auto held = [&] { // the background works on after a step
-        for (int tries = 0; tries < 500 && body.data->statistics.bytes != pliant_memory_in_use() - before; tries++) {
+        size_t bytes = pliant_memory_in_use() - before;
+        for (int tries = 0; tries < 500 && body.data->statistics.bytes != bytes; tries++) {
             std::this_thread::sleep_for(std::chrono::milliseconds(2));
             EXPECT_GE(pliant_step(body.model, body.data), 0);
+            bytes = pliant_memory_in_use() - before;
         }
-        return pliant_memory_in_use() - before;
+        return bytes;
     };
     ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK);
     EXPECT_EQ(body.data->statistics.bytes, held());
@@ -261,8 +264,15 @@ TEST_P(EveryHolder, TellsItsOwnBytes)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
-double given_by_the_system() // [bytes]; nothing is known with a sanitizer
+// What malloc has given and not got back [bytes]; nothing is known with a sanitizer. What this thread keeps of what it has freed (glibc's tcache, 7 blocks of
+// each size up to 1032 bytes) counts as given: filled, it is as much each time.
+double given_by_malloc()
 {
+    std::vector<std::unique_ptr<char[]>> freed;
+    for (size_t bytes = 24; bytes <= 1032; bytes += 16)
+        for (int n = 0; n < 16; n++) freed.emplace_back(new char[bytes]);
+    freed.clear();
+    freed.shrink_to_fit();
 #if __GLIBC_PREREQ(2, 33)
     const struct mallinfo2 now = mallinfo2();
 #else
@@ -272,16 +282,17 @@ double given_by_the_system() // [bytes]; nothing is known with a sanitizer
 }
 
 // Slits at random, each taken back: after every hundred, which are the same ones, to the byte as much is held as after the first, and when the
-// simulation ends nothing is, of what the library counts and of what the system has given it. 400, or as many as PLIANT_CUTS says.
+// simulation ends nothing is, of what the library counts and of what malloc has given it. 400, or as many as PLIANT_CUTS says.
 TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
 {
     const char *const asked = std::getenv("PLIANT_CUTS");
-    const int rounds = (asked ? std::atoi(asked) : 400) / 100;
+    const int rounds = std::max((asked ? std::atoi(asked) : 400) / 100, 2);
     Body body(size, box, {{4000, 0.4, 1000, false}});
     body.fix_plane(0, 0, 1e-6, 0, 0, 1);
     body.cells(7, 6, 6, 1);
     body.scene.cut.kind = PLIANT_CUT_SEVER;
     body.scene.solver.iterations = 2;
+    body.scene.solver.threads = 1; // no others keep anything
     body.scene.solver.backend = PLIANT_CPU;
     GetParam().set(body.scene);
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -289,11 +300,11 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
     body.data = nullptr;
     const size_t before = pliant_memory_in_use();
     double left[2];
+    int taken[2] = {0, 0};
     for (int life = 0; life < 2; life++) { // what is made once a process is made in the first
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK);
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
         size_t held = 0;
-        int taken = 0;
         for (int round = 0; round < (life == 0 ? 1 : rounds); round++) {
             std::mt19937 random{11};
             for (int c = 0; c < 100; c++) {
@@ -301,7 +312,7 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
                 slit(body, random);
                 if (HasFatalFailure()) return;
                 if (body.data->body == whole) continue; // beside the tissue
-                taken++;
+                taken[life]++;
                 if (c % 10 == 0) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
                 ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
                 if (c % 10 == 0) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
@@ -310,14 +321,14 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
             if (round == 0) held = body.data->statistics.bytes;
             EXPECT_EQ(body.data->statistics.bytes, held) << "round " << round;
         }
-        EXPECT_GT(taken, life == 0 ? 80 : 80 * rounds);
+        EXPECT_GT(taken[life], life == 0 ? 80 : 80 * rounds);
         pliant_data_free(body.data);
         body.data = nullptr;
         EXPECT_EQ(pliant_memory_in_use(), before);
-        left[life] = given_by_the_system();
+        left[life] = given_by_malloc();
     }
     RecordProperty("more", std::to_string(left[1] - left[0]));
-    EXPECT_LT(left[1], left[0] + 65536);
+    EXPECT_LT(left[1] - left[0], 32 * (taken[1] - taken[0])); // not one of the smallest blocks a cut
 }
 
 const Held holders[] = {

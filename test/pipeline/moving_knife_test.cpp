@@ -64,7 +64,7 @@ struct Bar : Body {
     }
     void shake(double time)
     {
-                if (forceps < 0) {
+        if (forceps < 0) {
             const double gravity[3] = {0, 0.8 * std::sin(45 * time + phase), 0.8 * std::cos(40 * time + phase)};
             ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
             return;
