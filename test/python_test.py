@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """pliant.py against the library: what it tells, what it refuses, the same bits, several at once."""
 import os
+import pathlib
 import subprocess
 import sys
 import tempfile
@@ -198,6 +199,9 @@ class Python(unittest.TestCase):
     def test_a_shape_presses_and_is_felt(self):
         model = pliant.Model(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}), shapes=True)
         sim = pliant.Sim(model=model)
+        for other in ({"shapes": True}, {"scene": "other.yaml"}, {"options": SMALL}):
+            with self.assertRaisesRegex(ValueError, "of the model"):
+                pliant.Sim(model=model, **other)
         self.assertEqual(len(sim.contacts), 0)
         other, probe = sim.tool("other"), sim.tool("probe")
         probe.shape("probe")
@@ -246,6 +250,15 @@ class Python(unittest.TestCase):
             sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30}), shapes=True)
             jaw = sim.tool("jaw")
             jaw.shape(path, offset=(0, 0.001, 0))
+            other = os.path.join(folder, "jaw.yml")
+            os.rename(path, other)
+            jaw.shape(pathlib.Path(other), offset=(0, 0.001, 0))
+            before = os.getcwd()
+            os.chdir(folder)
+            try:
+                jaw.shape("jaw.yml", offset=(0, 0.001, 0))
+            finally:
+                os.chdir(before)
         for angle in (0, 0.1, 0.35):  # half of it turns the ball towards +y, 0.1 m from its joint: 17 mm at last
             jaw.move([-0.027, -0.14, -0.025])
             jaw.jaw(angle)

@@ -185,9 +185,11 @@ def _camera(K, T, size, near, far):
 # ---- what moves
 
 class Sim:
-    """A simulation of a model, or of a scene and a scan as Model takes them."""
+    """A simulation of a model, or of a scene and a scan as Model takes them; ValueError: a model and what only makes one."""
 
     def __init__(self, scene=None, scan="phantom", options=None, model=None, progress=None, shapes=False):
+        if model and (scene is not None or options or shapes):
+            raise ValueError("scene, options and shapes are those of the model: give them to Model(...)")
         self.model = model or Model(scene, scan, options, progress, shapes)
         data = ctypes.c_void_p()
         _c.call("data_create", self.model._model, ctypes.byref(data))
@@ -490,7 +492,9 @@ class Tool:
         of = _c.Struct("pliant_tool_shape")
         shift, address = _c.numbers(offset, 3)
         if name is not None:
-            _c.call("tool_shape_read" if os.sep in name or name.endswith(".yaml") else "tool_shape_find", os.fsencode(name), of.address)
+            text = os.fsdecode(name)
+            is_file = isinstance(name, os.PathLike) or os.sep in text or text.endswith((".yaml", ".yml"))
+            _c.call("tool_shape_read" if is_file else "tool_shape_find", os.fsencode(text), of.address)
         _c.library.pliant_tool_shape_move(of.address, address)
         try:
             _c.call("tool_set_shape", self._sim._data, self._index, of.address)

@@ -89,6 +89,8 @@ TEST(Params, AShapeHasANameOrAFile)
     EXPECT_NE(refusal(tree).find("~tool/PSM1/shape: there is no instrument 'spoon'"), std::string::npos) << refusal(tree);
     tree["tool"]["PSM1"]["shape"] = "/nowhere/shape.yaml";
     EXPECT_NE(refusal(tree).find("/nowhere/shape.yaml: cannot be opened"), std::string::npos) << refusal(tree);
+    tree["tool"]["PSM1"]["shape"] = "nowhere.yml";
+    EXPECT_NE(refusal(tree).find("nowhere.yml: cannot be opened"), std::string::npos) << refusal(tree);
     tree["tool"]["PSM1"]["shape"] = 3;
     EXPECT_NE(refusal(tree).find("~tool/PSM1/shape"), std::string::npos);
 }

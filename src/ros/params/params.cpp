@@ -174,7 +174,7 @@ void read_shape(const std::string &name, XmlRpcValue &value, ToolParameters *too
 {
     const std::string what = text(name, value);
     if ((tool->shape_follows = what == "tool_type")) return;
-    const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos;
+    const bool file = what.find('/') != std::string::npos || what.find(".yaml") != std::string::npos || what.find(".yml") != std::string::npos;
     const pliant_status status = file ? pliant_tool_shape_read(what.c_str(), &tool->shape) : pliant_tool_shape_find(what.c_str(), &tool->shape);
     if (status < 0) refuse("~" + name + ": " + pliant_last_error());
     tool->solids = std::shared_ptr<pliant_tool_shape>(new pliant_tool_shape(tool->shape), [](pliant_tool_shape *shape) {
