@@ -28,7 +28,7 @@ solver: {threads: 1, iterations: 30}
 contact: {friction: 0.5}
 fixed: {planes: [{point: [0, 0, 1.0e-4], normal: [0, 0, 1]}]}
 """
-PARAMS = "{tool_max_age: 1, jaw_close: 0.25, jaw_release: 0.5, output: {mesh_rate: 100}}\n"
+PARAMS = "{tool_max_age: 10, jaw_close: 0.25, jaw_release: 0.5, output: {mesh_rate: 100}}\n"
 OPEN, CLOSED = 0.7, 0.2  # [rad]: on the tissue, and below jaw_close
 
 
