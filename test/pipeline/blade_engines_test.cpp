@@ -111,9 +111,10 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     if (swings) EXPECT_GE(told.pieces, 2);
     else EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, 0.024 * 0.032, (swings ? 0.2 : 0.1) * 0.024 * 0.032);
-    // the work of parting, and what the slab, bent down each time by 1 mm at least, gives back as it springs up
+    // the work of parting, and what the slab, bent down each time by 1 mm at least, gives back as it springs up: 1.36 (schur) to 1.61 times the former
+    // (octree), in explicit dynamics 1.17 to 1.32; a tenth more is for where in its saw-tooth the stroke ends
     EXPECT_GT(work, 0.9 * toughness * told.severed_area);
-    EXPECT_LT(work, 2.5 * toughness * told.severed_area);
+    EXPECT_LT(work, 1.1 * (swings ? 1.32 : 1.61) * toughness * told.severed_area);
     EXPECT_EQ(mismatches(*body.data->body), 0);
     steps(20);
     EXPECT_LT(height(0.06, 1), start - 0.05) << "what it cut off falls";
