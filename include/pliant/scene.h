@@ -123,7 +123,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, step, 0.02, 1e-5, 1.0, "s", "time between two steps")                                                     \
     X(INT, iterations, 6, 1, 1000, "", "most iterations of a step")                                                   \
     X(REAL, tolerance, 1e-3, 1e-12, 1.0, "", "error of positions over the largest displacement, as a step estimates it, at which it ends") \
-    X(REAL, budget_ms, 0.0, 0.0, 1e6, "ms", "time for the iterations of a step, which ends before the next would go beyond it (CPU); results then depend on the machine; 0: no limit") \
+    X(REAL, budget_ms, 0.0, 0.0, 1e6, "ms", "time for the iterations of a step, which ends before the next would go beyond it (on a GPU only what contact adds keeps to it: a new inverse, solves again, parts); results then depend on the machine; 0: no limit") \
     X(INT, history, 6, 0, 20, "", "Anderson depth; more where a step makes more evaluations; 0: plain iterations")    \
     X(PRECONDITIONER, preconditioner, PLIANT_PRECONDITIONER_AUTO, 0, 0, "", "direct (a factor), multigrid (a V-cycle), or auto: by the number of nodes") \
     X(INT, refresh_interval, 5, 0, 100000, "steps", "a new factor is started at most this often; 0: never")           \

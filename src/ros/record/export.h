@@ -10,7 +10,8 @@ namespace pliant_ros {
 
 /* Into a folder that is there, fps rows a second; every load and reset begins an episode. A row is what was newest by its time:
  *   times.npy (s since the start of the bag), episodes.npy (number, from 0), steps.npy (as in Step)
- *   state.npy   of each tool its pose in the tissue's frame, jaw, what it holds, and the wrench in its own axes; 0 while it is absent
+ *   state.npy   of each tool its pose in the tissue's frame, jaw, what it holds, and the wrench in its own axes; 0 while it is absent. grasped: a blob
+ *               of nodes is tied to it (ContactState); jaws that hold by friction (grasp/kind contact) leave it 0: closed and the wrench tell
  *   action.npy  of each tool pose and jaw of the episode's next row; the last row's are its own
  *   image_NAME.npy  of each recorded topic of pictures: rows x height x width, of colours also x 3 (red, green, blue)
  *   columns.json    names of the columns of state and action, and of the pictures
