@@ -229,7 +229,7 @@ class Stage:
         import std_msgs.msg
         kind = type("SendFilePath", (), dict(_type="rviz/SendFilePath", _md5sum="*", _request_class=std_msgs.msg.String,
                                              _response_class=std_msgs.msg.Bool))
-        name = [each for each in rosservice.get_service_list() if each.endswith(service)][0]
+        name = self.wait(lambda: next((each for each in rosservice.get_service_list() if each.endswith(service)), None), what="rviz's service " + service)
         if not rospy.ServiceProxy(name, kind)(path).data:
             raise RuntimeError("rviz refused " + path)
 
