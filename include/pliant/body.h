@@ -69,7 +69,8 @@ typedef struct pliant_cuts {
                                 *   in fragment; ascending */
     int32_t num_cuts;          /**< bodies from the one at load to this one, which pliant_body_sever makes again */
     int32_t *cut_end;          /**< (num_cuts) into severed: what each of them severed */
-    uint32_t *severed;         /**< (num_links + num_bridges) 4 voxel + axis of a link, 4 bridge + 3 of a bridge */
+    uint32_t *stroke;          /**< (num_cuts x 2) blade and stroke that each of them was of, as its sweep said; stroke 0: of none */
+    uint32_t *severed;         /**< (num_links + num_bridges) of each cut, 4 voxel + axis of its links, ascending, and 4 bridge + 3 of its bridges */
     int32_t num_pieces;        /**< with tissue, that hang together at a node at least */
 } pliant_cuts;
 

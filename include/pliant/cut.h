@@ -16,7 +16,6 @@ typedef struct pliant_cut_sweep {
     const double *from, *to;          /**< (count x 3) the same points along the edge, before and now; `from` has moved with the tissue */
     const uint8_t *material_of_voxel; /**< Nullable; (voxels) for the report */
     uint32_t blade, stroke;           /**< sweeps of one stroke of one blade go on from where the last one ended; stroke 0: from nowhere */
-    int32_t first_cut;                /**< cuts (pliant_cuts.num_cuts) that there were when the stroke began */
 } pliant_cut_sweep;
 
 /** What was newly severed. */

@@ -80,6 +80,7 @@ void pliant_cuts_free(pliant_cuts *cuts)
     pliant_free(cuts->chip);
     pliant_free(cuts->join);
     pliant_free(cuts->cut_end);
+    pliant_free(cuts->stroke);
     pliant_free(cuts->severed);
     pliant_free(cuts);
 }
@@ -108,7 +109,7 @@ pliant_status pliant_cuts_copy(const pliant_cuts *from, pliant_cuts **out)
     if (!copy(from->link, (size_t)from->num_links, sizeof *to->link, &to->link) || !copy(from->bridge, (size_t)from->num_bridges, one, &to->bridge) ||
         !copy(from->tet, tets, one, &to->tet) || !copy(from->start, tets + 1, one, &to->start) ||
         !copy(from->fragment, (size_t)from->start[tets], one, &to->fragment) || !copy(from->voxel_start, tets, one, &to->voxel_start) ||
-        !copy(from->cut_end, (size_t)from->num_cuts, one, &to->cut_end) || !copy(from->severed, severed, sizeof *to->severed, &to->severed) ||
+        !copy(from->cut_end, (size_t)from->num_cuts, one, &to->cut_end) || !copy(from->stroke, (size_t)from->num_cuts, 2 * sizeof *to->stroke, &to->stroke) || !copy(from->severed, severed, sizeof *to->severed, &to->severed) ||
         !copy(from->chip, (size_t)from->num_chips, 2 * one, &to->chip) || !copy(from->join, (size_t)from->num_joins, 2 * one, &to->join)) {
         pliant_cuts_free(to);
         return pliant_fail_memory("the cuts of a body");

@@ -69,9 +69,12 @@ static pliant_status write_down(cut_work *work)
     pliant_cuts *next = work->next;
     const int32_t before = cuts ? cuts->num_cuts : 0, old = before > 0 ? cuts->cut_end[before - 1] : 0;
     next->cut_end = pliant_calloc((size_t)before + 1, sizeof *next->cut_end);
+    next->stroke = pliant_calloc((size_t)before + 1, 2 * sizeof *next->stroke);
     next->severed = pliant_calloc((size_t)old + (size_t)work->num_links + (size_t)work->num_bridges, sizeof *next->severed);
-    if (!next->cut_end || !next->severed) return pliant_fail_memory("what is cut");
+    if (!next->cut_end || !next->stroke || !next->severed) return pliant_fail_memory("what is cut");
     if (before > 0) memcpy(next->cut_end, cuts->cut_end, (size_t)before * sizeof *next->cut_end);
+    if (before > 0) memcpy(next->stroke, cuts->stroke, (size_t)before * 2 * sizeof *next->stroke);
+    memcpy(next->stroke + 2 * before, work->stroke, sizeof work->stroke);
     if (old > 0) memcpy(next->severed, cuts->severed, (size_t)old * sizeof *next->severed);
     uint32_t *severed = next->severed + old;
     for (int32_t i = 0; i < work->num_links; i++) *severed++ = work->link[i];
@@ -148,7 +151,7 @@ static pliant_status cut(cut_work *work, uint64_t revision, const pliant_cut_swe
 {
     pliant_status status = find_state(work);
     if (status == PLIANT_OK) status = pliant_cut_sever(work, sweep);
-    if (status == PLIANT_OK && sweep->stroke > 0) status = pliant_cut_close_seam(work, sweep->first_cut);
+    if (status == PLIANT_OK && sweep->stroke > 0) status = pliant_cut_close_seam(work);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
     status = out ? find_fragments(work) : pliant_cut_touch(work);
     if (status != PLIANT_OK || (work->num_links == 0 && work->num_bridges == 0)) return status;
@@ -176,7 +179,7 @@ pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const 
                               pliant_cut_report *report)
 {
     if (!pliant_body_may_be_cut(body)) return refuse_whole();
-    cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .positions = positions};
+    cut_work work = {.body = body, .voxels = body->voxels, .cuts = body->cuts, .positions = positions, .stroke = {sweep->blade, sweep->stroke}};
     pliant_cut_report told = {0};
     pliant_body *next = NULL;
     pliant_status status;

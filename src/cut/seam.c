@@ -7,7 +7,6 @@ typedef struct seam {
     cut_work *work;
     pliant_links before;  /* what was severed before this sweep */
     int32_t num_links;    /* that the sweep has severed itself */
-    int32_t first_cut;    /* of the stroke */
 } seam;
 
 static bool is_owned(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], int axis, int way)
@@ -34,13 +33,25 @@ static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int 
     return !pliant_linked(&all->before, voxel, at, axis, way) || is_new(all, link_from(all->work->voxels, voxel, axis, way));
 }
 
-/* whether it was by a sweep before this one, and since the stroke began */
+static bool is_of(const pliant_cuts *cuts, int32_t cut, uint32_t link)
+{
+    const int32_t begin = cut > 0 ? cuts->cut_end[cut - 1] : 0;
+    int32_t links = cuts->cut_end[cut] - begin;
+    while (links > 0 && cuts->severed[begin + links - 1] % 4 == 3) links--; /* bridges */
+    const int32_t found = pliant_lower(cuts->severed + begin, links, link);
+    return found < links && cuts->severed[begin + found] == link;
+}
+
+/* whether it was by a sweep of this stroke before this one; other blades may have cut meanwhile */
 static bool is_of_stroke(const seam *all, uint32_t link)
 {
     const pliant_cuts *cuts = all->work->cuts;
-    if (!cuts || all->first_cut >= cuts->num_cuts) return false;
-    for (int32_t i = all->first_cut > 0 ? cuts->cut_end[all->first_cut - 1] : 0; i < cuts->cut_end[cuts->num_cuts - 1]; i++)
-        if (cuts->severed[i] == link) return true;
+    const uint32_t *now = all->work->stroke;
+    for (int32_t i = cuts ? cuts->num_cuts - 1 : -1; i >= 0; i--) {
+        const uint32_t *then = cuts->stroke + 2 * i;
+        if (then[0] == now[0] && then[1] == now[1] && is_of(cuts, i, link)) return true;
+        if (then[0] == now[0] && then[1] > 0 && then[1] < now[1]) return false; /* its stroke before */
+    }
     return false;
 }
 
@@ -58,15 +69,15 @@ static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t a
         there[across] += way;
         if (!is_owned(voxels, voxel, at, across, way) || is_severed(all, voxel, at, across, way)) continue;
         if (!is_owned(voxels, other, there, axis, -beyond) || is_severed(all, other, there, axis, beyond)) continue;
-        if (!is_of_stroke(all, link_from(voxels, other, axis, -beyond))) continue;
+        if (!is_severed(all, other, there, axis, -beyond) || !is_of_stroke(all, link_from(voxels, other, axis, -beyond))) continue;
         status = pliant_cut_add_link(all->work, link_from(voxels, voxel, across, way), 0);
     }
     return status;
 }
 
-pliant_status pliant_cut_close_seam(cut_work *work, int32_t first_cut)
+pliant_status pliant_cut_close_seam(cut_work *work)
 {
-    const seam all = {.work = work, .before = {.voxels = work->voxels, .cuts = work->cuts}, .num_links = work->num_links, .first_cut = first_cut};
+    const seam all = {.work = work, .before = {.voxels = work->voxels, .cuts = work->cuts}, .num_links = work->num_links};
     pliant_status status = PLIANT_OK;
     for (int32_t i = 0; i < all.num_links && status == PLIANT_OK; i++) {
         const int axis = (int)(work->link[i] % 4);

@@ -49,6 +49,7 @@ typedef struct cut_work {
     const pliant_voxels *voxels;
     const pliant_cuts *cuts;         /* of the body before; Nullable */
     const double *positions;
+    uint32_t stroke[2];              /* blade and stroke of the sweep; 0 0: of none */
     /* ---- sever.c: what is newly severed, ascending */
     int32_t num_links, num_bridges, link_room, bridge_room;
     uint32_t *link;
@@ -139,8 +140,8 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
 pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep);
 /* One more that is newly severed; area: at rest [m^2] */
 pliant_status pliant_cut_add_link(cut_work *work, uint32_t link, double area);
-/* seam.c: what this sweep of a stroke and those before it have missed, beside what is newly severed, ascending; first_cut: of the stroke */
-pliant_status pliant_cut_close_seam(cut_work *work, int32_t first_cut);
+/* seam.c: what this sweep of a stroke and those before it have missed, beside what is newly severed, ascending */
+pliant_status pliant_cut_close_seam(cut_work *work);
 /* what is newly severed, ascending, each once */
 pliant_status pliant_cut_sort_severed(cut_work *work);
 /* Tetrahedra that own an end of them, and their fragments. */

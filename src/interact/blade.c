@@ -187,7 +187,6 @@ pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing, d
     memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
     blade->under_way = true;
     blade->stroke++;
-    blade->first_cut = data->body->cuts ? data->body->cuts->num_cuts : 0;
     return PLIANT_OK;
 }
 

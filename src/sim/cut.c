@@ -85,7 +85,7 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
 static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
 {
     pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index, .stroke = (uint32_t)work->tool->blade.stroke, .first_cut = work->tool->blade.first_cut};
+                              .blade = (uint32_t)work->index, .stroke = (uint32_t)work->tool->blade.stroke};
     memset(report, 0, sizeof *report);
     const uint64_t before = work->data->body->revision;
     if (pliant_data_sever(work->model, work->data, work->index, &sweep, report) != PLIANT_OK) {
@@ -131,7 +131,7 @@ static bool look_ahead(const knife *work, double width, double *force)
     pliant_cut_report report = {0};
     extend(blade, edge->now, work->ahead, edge->swept);
     pliant_cut_sweep sweep = {.count = edge->count, .from = edge->place, .to = edge->swept, .material_of_voxel = work->model->material_of_voxel,
-                              .blade = (uint32_t)work->index, .stroke = (uint32_t)blade->stroke, .first_cut = blade->first_cut};
+                              .blade = (uint32_t)work->index, .stroke = (uint32_t)blade->stroke};
     if (pliant_body_cut(work->data->body, work->data->last_revision + 1, work->data->positions, &sweep, NULL, &report) != PLIANT_OK) {
         tell_failure(work);
         return false;

@@ -30,7 +30,6 @@ typedef struct pliant_blade {
     /* STROKE: from when it begins to cut until it is lifted, lost or jumps */
     bool under_way, failed; /* failed: and that was said */
     uint64_t stroke;       /* how many so far */
-    int32_t first_cut;     /* of the body, when it began */
     pliant_edge edge;      /* while one is under way */
     double tip[3], rotation[4]; /* of the tool when the edge was moved last */
     /* RESISTANCE: the edge drags the tissue along by the tool's hold, until it slips */

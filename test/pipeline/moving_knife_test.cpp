@@ -157,10 +157,10 @@ std::unique_ptr<Cuttable> bar_at_rest()
 int num_cuts(const Cuttable &bar) { return bar.now->cuts ? bar.now->cuts->num_cuts : 0; }
 
 // along y, from one height to another at a place along x
-void sweep(Cuttable &bar, const double x[2], const double z[2], double lean, uint32_t stroke, int first_cut)
+void sweep(Cuttable &bar, const double x[2], const double z[2], double lean, uint32_t stroke, uint32_t blade = 0)
 {
     const double from[6] = {x[0] - lean, -0.01, z[0], x[0] + lean, 0.034, z[0]}, to[6] = {x[1] - lean, -0.01, z[1], x[1] + lean, 0.034, z[1]};
-    const pliant_cut_sweep one{2, from, to, nullptr, 0, stroke, first_cut};
+    const pliant_cut_sweep one{2, from, to, nullptr, blade, stroke};
     pliant_body *next = nullptr;
     ASSERT_EQ(pliant_body_cut(bar.now, bar.now->revision + 1, bar.positions.data(), &one, &next, nullptr), PLIANT_OK) << pliant_last_error();
     if (next) bar.take(next);
@@ -183,7 +183,7 @@ TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
             for (double &p : bar->positions) p += 2e-4 * unit(random);
             while (z > 0.012) { // and ends within
                 const double ways[2] = {x, x + 0.003 * unit(random)}, heights[2] = {z, z - 0.002 - 0.0015 * unit(random)};
-                sweep(*bar, ways, heights, lean, bar == stroke.get(), 0);
+                sweep(*bar, ways, heights, lean, bar == stroke.get());
                 x = ways[1];
                 z = heights[1];
             }
@@ -196,17 +196,33 @@ TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
 TEST(MovingKnife, AStrokeThatEndsWhereAnotherBeginsIsNotJoinedToIt)
 {
     const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, down[2] = {0.036, 0.0159}, on[2] = {0.0159, -0.004};
-    const auto two = bar_at_rest(), alone = bar_at_rest(), one = bar_at_rest();
-    for (const auto &bar : {two.get(), alone.get(), one.get()}) {
-        const bool strokes = bar != alone.get();
-        sweep(*bar, upper, down, 0, strokes, 0);
+    const auto next = bar_at_rest(), other = bar_at_rest(), alone = bar_at_rest(), one = bar_at_rest();
+    for (const auto &bar : {next.get(), other.get(), alone.get(), one.get()}) {
+        const uint32_t strokes = bar != alone.get();
+        sweep(*bar, upper, down, 0, strokes);
         ASSERT_EQ(num_cuts(*bar), 1);
-        sweep(*bar, lower, on, 0, strokes ? (bar == two.get() ? 2 : 1) : 0, bar == two.get() ? 1 : 0);
+        sweep(*bar, lower, on, 0, bar == next.get() ? 2 : strokes, bar == other.get() ? 1 : 0);
     }
-    EXPECT_EQ(links(*two), links(*alone)) << "a voxel lies between them";
-    EXPECT_EQ(num_pieces(*two->now), 1);
+    for (const auto &bar : {next.get(), other.get()}) {
+        EXPECT_EQ(links(*bar), links(*alone)) << "a voxel lies between them";
+        EXPECT_EQ(num_pieces(*bar->now), 1);
+    }
     EXPECT_EQ(links(*one).size(), links(*alone).size() + size[1]) << "what moves by a voxel between two sweeps";
     EXPECT_EQ(num_pieces(*one->now), 2);
+}
+
+// One blade's stroke goes on after another blade has cut beside it.
+TEST(MovingKnife, AStrokeIsJoinedToItselfPastAnotherBladesCut)
+{
+    const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, far[2] = {0.0611, 0.0611}, down[2] = {0.036, 0.0159}, on[2] = {0.0159, -0.004};
+    const auto one = bar_at_rest(), both = bar_at_rest();
+    for (const auto &bar : {one.get(), both.get()}) {
+        sweep(*bar, upper, down, 0, 1);
+        if (bar == both.get()) sweep(*bar, far, down, 0, 1, 1);
+        sweep(*bar, lower, on, 0, 1);
+        EXPECT_EQ(num_pieces(*bar->now), 2);
+    }
+    EXPECT_GT(links(*both).size(), links(*one).size());
 }
 
 } // namespace
