@@ -169,7 +169,7 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
 
 /* What moves held nodes after all others: the tools, contacts, then walls and limits as for any node. Their part of the residual; each thread tells
  * whether one of its own moved faster than sound.
- *  @param made sub-steps of the frame before this one */
+ *  @param made sub-steps of this part of the frame before this one */
 static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made, double *d_u, double *d_d,
                                                        gpu_tool_work *work, const gpu_touch_room &room, double *residual)
 {

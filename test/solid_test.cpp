@@ -82,6 +82,28 @@ TEST(Solid, AConvexOneHasTheDistancesOfItsBox)
     EXPECT_DOUBLE_EQ(pliant_part_reach(&part, origin), pliant_part_reach(&box, origin));
 }
 
+// Of a ball and a solid only one end says where they are.
+TEST(Solid, ThePartsMiddleIsTheirOwn)
+{
+    const Solid solid = make(block(low, high), 0, true);
+    pliant_part sphere{}, capsule{}, part = part_of(solid), box = box_part(0);
+    sphere.kind = PLIANT_PART_SPHERE;
+    capsule.kind = PLIANT_PART_CAPSULE;
+    double centre[3], expected[3];
+    for (int d = 0; d < 3; d++) {
+        sphere.from[d] = capsule.from[d] = 0.1 + d;
+        sphere.to[d] = part.to[d] = 9; // of no meaning
+        capsule.to[d] = 0.3 + d;
+    }
+    pliant_part_centre(&sphere, centre);
+    for (int d = 0; d < 3; d++) EXPECT_DOUBLE_EQ(centre[d], 0.1 + d);
+    pliant_part_centre(&capsule, centre);
+    for (int d = 0; d < 3; d++) EXPECT_DOUBLE_EQ(centre[d], 0.2 + d);
+    pliant_part_centre(&part, centre);
+    pliant_part_centre(&box, expected);
+    for (int d = 0; d < 3; d++) EXPECT_NEAR(centre[d], expected[d], 1e-15);
+}
+
 TEST(Solid, AHullHoldsItsPoints)
 {
     Random random;

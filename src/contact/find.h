@@ -41,6 +41,8 @@ pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to);
 
 /* Room for more points. Errors: MEMORY (nothing changed). */
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room);
+/* Errors: MEMORY (nothing changed). */
+pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts *to);
 
 /* Append the points of parts, in their order, each part's ascending by feature. The feature's top byte is 16 tool + part, or 128 + the obstacle's number;
  * then come two bits for what of the surface it is (0: a node, 1: an edge, 2 and 3: a triangle), 26 for each of two node numbers, and two for which of its points

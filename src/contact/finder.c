@@ -88,6 +88,15 @@ pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room)
     return PLIANT_OK;
 }
 
+pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts *to)
+{
+    pliant_status status = pliant_contacts_reserve(to, from->count);
+    if (status != PLIANT_OK) return status;
+    if (from->count > 0) memcpy(to->point, from->point, (size_t)from->count * sizeof *to->point);
+    to->count = from->count;
+    return PLIANT_OK;
+}
+
 pliant_status pliant_finder_room(pliant_finder *finder, const pliant_body *body)
 {
     const size_t triangles = (size_t)finder->broad.num_near, nodes = (size_t)body->fine.num_nodes;

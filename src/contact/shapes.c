@@ -96,6 +96,13 @@ static void corners_of(const pliant_part *part, double low[3], double high[3])
     }
 }
 
+void pliant_part_centre(const pliant_part *part, double out[3])
+{
+    double low[3], high[3];
+    corners_of(part, low, high);
+    for (int d = 0; d < 3; d++) out[d] = 0.5 * (low[d] + high[d]);
+}
+
 double pliant_part_reach(const pliant_part *part, const double from[3])
 {
     double far = 0, low[3], high[3];
@@ -232,7 +239,7 @@ void pliant_part_box(const pliant_part *part, const pliant_pose *pose, double lo
     const bool has_corners = part->kind == PLIANT_PART_BOX || part->kind == PLIANT_PART_SOLID;
     double ends[2][3], middle[3], from[3], to[3];
     corners_of(part, ends[0], ends[1]);
-    for (int d = 0; d < 3; d++) middle[d] = 0.5 * (ends[0][d] + ends[1][d]);
+    pliant_part_centre(part, middle);
     pliant_pose_to(pose, has_corners ? middle : part->from, from);
     pliant_pose_to(pose, part->kind == PLIANT_PART_CAPSULE ? part->to : has_corners ? middle : part->from, to);
     for (int d = 0; d < 3; d++) {

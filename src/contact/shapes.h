@@ -15,6 +15,8 @@ double pliant_part_distance(const pliant_part *part, const double p[3], double n
 void pliant_part_leave(const pliant_part *part, const double p[3], const double direction[3], double out[3]);
 /* How deep its deepest point is [m]. */
 double pliant_part_depth(const pliant_part *part);
+/* The middle of what it covers, in its frame; of a half-space: nothing. */
+void pliant_part_centre(const pliant_part *part, double out[3]);
 /* The largest distance from a point in the part's frame [m]. */
 double pliant_part_reach(const pliant_part *part, const double from[3]);
 /* NULL, or what is wrong with it. */

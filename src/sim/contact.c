@@ -17,8 +17,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double fastest = 2.0;    /* of a tool's tip [m/s]; beyond it, it has jumped, and touches nothing on its way */
-static const double base_margin = 1e-3; /* [m] that tissue may move in a step without a reason that is seen beforehand */
 static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
 static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
 enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
@@ -85,13 +83,6 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
 
 /* ---- parts as they move in this step */
 
-static double distance(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
-
-bool pliant_contact_goes_on(const pliant_model *model, const pliant_tool *tool)
-{
-    return tool->present && tool->last.known && distance(tool->tip, tool->last.tip) <= fastest * model->scene.solver.step;
-}
-
 static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
 {
     const int32_t room = search->num_poses + more;
@@ -106,14 +97,6 @@ static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
 /* in this step, or in this part of it [m] */
 static double recovered(const pliant_model *model, const pliant_data *data) { return recovery * model->scene.solver.step / data->parts; }
 
-/* How far no point of it goes beyond in this step [m] */
-static double way_of(const pliant_tool *tool, const pliant_part *part)
-{
-    const double origin[3] = {0, 0, 0}, turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(tool->jaw - tool->last.jaw);
-    return distance(tool->tip, tool->last.tip) + turn * pliant_part_reach(part, tool->shape.joint) +
-           pliant_rotation_angle(tool->last.rotation, tool->rotation) * pliant_part_reach(part, origin);
-}
-
 /* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in.
  * tissue_way: how far the tissue goes at the same time */
 static pliant_status add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p, double tissue_way)
@@ -123,7 +106,7 @@ static pliant_status add_part(const pliant_model *model, const pliant_data *data
     const pliant_part *part = tool->shape.part + p;
     const bool goes_on = pliant_contact_goes_on(model, tool);
     double way = tissue_way;
-    if (goes_on) way += way_of(tool, part);
+    if (goes_on) way += pliant_contact_way_of(tool, part);
     const double steps = ceil(way / (0.5 * pliant_part_depth(part)));
     const int32_t poses = way > 0 ? 1 + (int32_t)fmin(fmax(steps, 1), MOST_POSES) : 1;
     pliant_status status = reserve_poses(search, poses);
@@ -131,20 +114,14 @@ static pliant_status add_part(const pliant_model *model, const pliant_data *data
     pliant_pose *pose = search->pose + search->num_poses;
     for (int32_t n = 0; n < poses; n++) {
         const double share = poses > 1 ? (double)n / (poses - 1) : 1;
-        double tip[3], rotation[4], jaw = tool->jaw;
-        memcpy(tip, tool->tip, sizeof tip);
-        memcpy(rotation, tool->rotation, sizeof rotation);
-        if (share < 1 && goes_on) {
-            for (int d = 0; d < 3; d++) tip[d] = tool->last.tip[d] + share * (tool->tip[d] - tool->last.tip[d]);
-            pliant_rotation_between(tool->last.rotation, tool->rotation, share, rotation);
-            jaw = tool->last.jaw + share * (tool->jaw - tool->last.jaw);
-        }
+        double tip[3], rotation[4], jaw;
+        pliant_contact_pose(tool, goes_on ? share : 1, tip, rotation, &jaw);
         pliant_part_pose(&tool->shape, part->frame, tip, rotation, jaw, pose + n);
     }
     search->first[search->num_parts] = search->num_poses;
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = base_margin + way, .recovery = recovered(model, data), .briefly = data->tled && pliant_tled_in_parts(data->tled),
+        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = PLIANT_CONTACT_MARGIN + way, .recovery = recovered(model, data), .briefly = data->tled && pliant_tled_in_parts(data->tled),
         .remembers = goes_on || tissue_way > 0,
         .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held,
     };
@@ -163,36 +140,16 @@ static pliant_status add_obstacle(const pliant_model *model, const pliant_data *
     for (int32_t n = 0; n < poses; n++) search->pose[search->num_poses++] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = base_margin + tissue_way, .recovery = recovered(model, data),
+        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = PLIANT_CONTACT_MARGIN + tissue_way, .recovery = recovered(model, data),
         .briefly = data->tled && pliant_tled_in_parts(data->tled), .remembers = true,
     };
     return PLIANT_OK;
 }
 
-/* The scene's, but for shapes. @return how many */
-static int32_t obstacles_of(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED])
-{
-    const pliant_regions *regions = &model->scene.obstacles;
-    int32_t count = 0;
-    for (uint32_t b = 0; b < regions->num_boxes; b++) {
-        pliant_part *part = out + count++;
-        *part = (pliant_part){.kind = PLIANT_PART_BOX};
-        memcpy(part->from, regions->boxes[b].low, sizeof part->from);
-        memcpy(part->to, regions->boxes[b].high, sizeof part->to);
-    }
-    for (uint32_t p = 0; p < regions->num_planes; p++) {
-        pliant_part *part = out + count++;
-        *part = (pliant_part){.kind = PLIANT_PART_HALF_SPACE};
-        memcpy(part->from, regions->planes[p].point, sizeof part->from);
-        memcpy(part->to, regions->planes[p].normal, sizeof part->to);
-    }
-    return count;
-}
-
 static pliant_status add_obstacles(const pliant_model *model, const pliant_data *data, double tissue_way)
 {
     pliant_contact_search *search = data->contact_search;
-    const int32_t count = obstacles_of(model, search->obstacle);
+    const int32_t count = pliant_contact_obstacles(model, search->obstacle);
     pliant_status status = PLIANT_OK;
     for (int32_t n = 0; n < count + model->obstacles.num_parts && status == PLIANT_OK; n++)
         status = add_obstacle(model, data, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, tissue_way);
@@ -241,13 +198,13 @@ static void carry(const pliant_data *data, const pliant_contacts *before, pliant
     }
 }
 
-static pliant_status begin(pliant_data *data)
+static pliant_status begin(pliant_contact_search **out)
 {
-    if (data->contact_search) return PLIANT_OK;
+    if (*out) return PLIANT_OK;
     pliant_contact_search *search = pliant_calloc(1, sizeof *search);
     if (!search) return pliant_fail_memory("contacts");
     pliant_status status = pliant_finder_create(&search->finder);
-    if (status == PLIANT_OK) data->contact_search = search;
+    if (status == PLIANT_OK) *out = search;
     else pliant_free(search);
     return status;
 }
@@ -314,7 +271,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
         pliant_contact_forget(data);
         return PLIANT_OK;
     }
-    pliant_status status = begin(data);
+    pliant_status status = begin(&data->contact_search);
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
@@ -330,76 +287,8 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, &search->made);
-    const pliant_contacts before = data->contacts;
-    data->contacts = search->made;
-    search->made = before;
+    pliant_contacts_exchange(&data->contacts, &search->made);
     return PLIANT_OK;
-}
-
-bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
-{
-    const double *cell = data->body->fine.cell_size, far = 0.5 * fmax(fmax(cell[0], cell[1]), cell[2]);
-    bool any = false;
-    for (int t = 0; t < data->num_tools; t++) {
-        const pliant_tool *tool = data->tools + t;
-        for (int32_t p = 0; p < tool->shape.num_parts && !any && pliant_contact_goes_on(model, tool); p++) any = way_of(tool, tool->shape.part + p) > far;
-    }
-    return any;
-}
-
-bool pliant_contact_presses(const pliant_data *data)
-{
-    bool any = false;
-    for (int32_t n = 0; n < data->contacts.count && !any; n++) any = data->contacts.point[n].begun;
-    return any;
-}
-
-/* How far no point of the tool is from its tip [m] */
-static double reach_of(const pliant_tool *tool)
-{
-    const double origin[3] = {0, 0, 0};
-    double reach = 0;
-    for (int32_t p = 0; p < tool->shape.num_parts; p++) {
-        const pliant_part *part = tool->shape.part + p;
-        const bool turns = part->frame != PLIANT_FRAME_TIP;
-        reach = fmax(reach, turns ? distance(tool->shape.joint, origin) + pliant_part_reach(part, tool->shape.joint) : pliant_part_reach(part, origin));
-    }
-    return reach;
-}
-
-/* The farthest that a node goes that can come so near to the tip [m] */
-static double way_near(const pliant_data *data, const double *tip, double near, const double *increment, int32_t times)
-{
-    double most = 0;
-    for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
-        const double *x = data->positions + 3 * (size_t)n, *d = increment + 3 * (size_t)n, way = times * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        if (way > most && distance(x, tip) <= near + way) most = way;
-    }
-    return most;
-}
-
-double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times)
-{
-    pliant_part obstacle[2 * PLIANT_MAX_FIXED];
-    double deeps = 0, centre[3];
-    for (int t = 0; t < data->num_tools; t++) {
-        const pliant_tool *tool = data->tools + t;
-        const bool goes_on = pliant_contact_goes_on(model, tool);
-        if (!tool->present || tool->shape.num_parts == 0) continue;
-        double farthest = 0;
-        for (int32_t p = 0; goes_on && p < tool->shape.num_parts; p++) farthest = fmax(farthest, way_of(tool, tool->shape.part + p));
-        const double tissue = way_near(data, tool->tip, reach_of(tool) + farthest + base_margin, increment, times);
-        for (int32_t p = 0; p < tool->shape.num_parts; p++)
-            deeps = fmax(deeps, ((goes_on ? way_of(tool, tool->shape.part + p) : 0) + tissue) / pliant_part_depth(tool->shape.part + p));
-    }
-    for (int32_t n = 0, count = obstacles_of(model, obstacle); n < count + model->obstacles.num_parts; n++) {
-        const pliant_part *part = n < count ? obstacle + n : model->obstacles.part + (n - count);
-        const double depth = pliant_part_depth(part);
-        if (!(depth < INFINITY)) continue;
-        for (int d = 0; d < 3; d++) centre[d] = 0.5 * (part->from[d] + part->to[d]);
-        deeps = fmax(deeps, way_near(data, centre, pliant_part_reach(part, centre) + base_margin, increment, times) / depth);
-    }
-    return deeps;
 }
 
 /* ---- once a step is solved */
@@ -417,12 +306,6 @@ static double gap_of(const pliant_contact_point *point, const double *positions)
     return gap;
 }
 
-static int compare_points(const void *a, const void *b)
-{
-    const uint64_t x = ((const pliant_contact_point *)a)->feature, y = ((const pliant_contact_point *)b)->feature;
-    return (x > y) - (x < y);
-}
-
 /* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them is on the other side, and both cannot be right. same: that which the point takes the place of, or NULL */
 static double gap_so_far(const pliant_contacts *all, int32_t count, const double *positions, const pliant_contact_point *point, pliant_contact_point **same)
 {
@@ -430,31 +313,31 @@ static double gap_so_far(const pliant_contacts *all, int32_t count, const double
     *same = NULL;
     pliant_contact_point one = {.feature = point->feature & ~(uint64_t)(PLIANT_FEATURE_POINTS - 1)};
     for (int n = 0; n < PLIANT_FEATURE_POINTS; n++, one.feature++) {
-        pliant_contact_point *found = count > 0 ? bsearch(&one, all->point, (size_t)count, sizeof one, compare_points) : NULL;
+        pliant_contact_point *found = count > 0 ? bsearch(&one, all->point, (size_t)count, sizeof one, pliant_contact_compare) : NULL;
         if (found) gap = fmin(gap, dot(found->normal, point->normal) < 0 ? -INFINITY : gap_of(found, positions));
         if (found && found->feature == point->feature) *same = found;
     }
     return gap;
 }
 
-/* Points that are deeper than those of their features. @return how many */
-static int32_t take_in(pliant_data *data, pliant_contacts *found)
+/* Points that are deeper than those of their features, to those that it is solved again with. @return how many */
+static int32_t take_in(const pliant_data *data, const pliant_contact_start *start, const pliant_contacts *found)
 {
     const double deeper = 1e-4; /* [m] */
-    pliant_contacts *all = &data->contacts;
+    pliant_contacts *all = start->points;
     const int32_t count = all->count;
     int32_t taken = 0;
     for (int32_t n = 0; n < found->count; n++) {
         pliant_contact_point *point = found->point + n, *same;
         const double before = gap_so_far(all, count, data->positions, point, &same);
         if (!(gap_of(point, data->positions) < fmin(before, 0) - deeper)) continue;
-        if (same) pliant_contact_carry(same, data->positions, point);
+        if (same) pliant_contact_carry(same, start->positions, point);
         for (int d = 0; d < 3 && same; d++) point->anchor[d] -= point->drift[d]; /* both are where the step ends */
         if (same) *same = *point;
         else all->point[all->count++] = *point;
         taken++;
     }
-    if (all->count > count) qsort(all->point, (size_t)all->count, sizeof *all->point, compare_points);
+    if (all->count > count) qsort(all->point, (size_t)all->count, sizeof *all->point, pliant_contact_compare);
     return taken;
 }
 
@@ -484,7 +367,7 @@ bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
     return pliant_contact_turn(model, data) <= 1 && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
 }
 
-bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
+bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
@@ -495,10 +378,10 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data)
     search->made.count = 0;
     pliant_status status = gather_parts(model, data, way);
     if (status == PLIANT_OK) status = pliant_contact_find_passed(search->finder, body, positions, search->num_parts, search->part, &search->made);
-    if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(&data->contacts, data->contacts.count + search->made.count);
+    if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(start->points, start->points->count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    return take_in(data, &search->made) > 0;
+    return take_in(data, start, &search->made) > 0;
 }
 
 void pliant_contact_goes_on_from_here(pliant_data *data)
@@ -518,42 +401,82 @@ void pliant_contact_end(pliant_data *data)
     }
 }
 
+static void forget(pliant_contact_search *search)
+{
+    if (!search) return;
+    pliant_finder_forget(search->finder);
+    pliant_tissue_forget(&search->tissue);
+}
+
 void pliant_contact_forget(pliant_data *data)
 {
     data->contacts.count = 0;
-    if (!data->contact_search) return;
-    pliant_finder_forget(data->contact_search->finder);
-    pliant_tissue_forget(&data->contact_search->tissue);
+    forget(data->contact_search);
+}
+
+/* ---- to go on from there twice, and to go back to */
+
+/* Errors: MEMORY (there are no points then) */
+static pliant_status copy_known(const pliant_contact_search *from, const pliant_contacts *points, pliant_contact_search **to, pliant_contacts *out)
+{
+    out->count = 0;
+    if (!from) {
+        forget(*to);
+        return PLIANT_OK;
+    }
+    pliant_status status = begin(to);
+    if (status == PLIANT_OK) status = pliant_finder_copy(from->finder, (*to)->finder);
+    if (status == PLIANT_OK) status = pliant_tissue_copy(&from->tissue, &(*to)->tissue);
+    if (status == PLIANT_OK) status = pliant_contacts_copy(points, out);
+    return status;
 }
 
 pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
 {
-    to->contacts.count = 0;
-    if (!from->contact_search) {
-        pliant_contact_forget(to);
-        return PLIANT_OK;
-    }
-    pliant_status status = begin(to);
-    if (status == PLIANT_OK && from->contacts.count > 0) status = pliant_contacts_reserve(&to->contacts, from->contacts.count);
-    if (status == PLIANT_OK) status = pliant_finder_copy(from->contact_search->finder, to->contact_search->finder);
-    if (status == PLIANT_OK) status = pliant_tissue_copy(&from->contact_search->tissue, &to->contact_search->tissue);
-    if (status != PLIANT_OK || from->contacts.count == 0) return status;
-    memcpy(to->contacts.point, from->contacts.point, (size_t)from->contacts.count * sizeof *to->contacts.point);
-    to->contacts.count = from->contacts.count;
-    return PLIANT_OK;
+    return copy_known(from->contact_search, &from->contacts, &to->contact_search, &to->contacts);
 }
 
-void pliant_contact_free(pliant_data *data)
+pliant_status pliant_contact_keep(const pliant_data *data, pliant_contact_kept *kept)
 {
-    if (data->contact_search) {
-        pliant_finder_free(data->contact_search->finder);
-        pliant_tissue_free(&data->contact_search->tissue);
-        pliant_outside_free(&data->contact_search->outside);
-        pliant_free(data->contact_search->made.point);
-        pliant_free(data->contact_search->pose);
-        pliant_free(data->contact_search->overlaps);
-        pliant_free(data->contact_search->place);
-        pliant_free(data->contact_search);
-    }
-    pliant_free(data->contacts.point);
+    memcpy(kept->tools, data->tools, sizeof kept->tools);
+    return copy_known(data->contact_search, &data->contacts, &kept->search, &kept->points);
 }
+
+pliant_status pliant_contact_again(const pliant_contact_kept *kept, pliant_data *data)
+{
+    memcpy(data->tools, kept->tools, sizeof kept->tools);
+    return copy_known(kept->search, &kept->points, &data->contact_search, &data->contacts);
+}
+
+void pliant_contact_undo(pliant_contact_kept *kept, pliant_data *data)
+{
+    memcpy(data->tools, kept->tools, sizeof kept->tools);
+    pliant_contacts_exchange(&kept->points, &data->contacts);
+    if (!kept->search || !data->contact_search) {
+        pliant_contact_forget(data);
+        return;
+    }
+    pliant_finder *const finder = data->contact_search->finder;
+    const pliant_tissue tissue = data->contact_search->tissue;
+    data->contact_search->finder = kept->search->finder;
+    data->contact_search->tissue = kept->search->tissue;
+    kept->search->finder = finder;
+    kept->search->tissue = tissue;
+}
+
+static void free_known(pliant_contact_search *search, pliant_contacts *points)
+{
+    pliant_free(points->point);
+    if (!search) return;
+    pliant_finder_free(search->finder);
+    pliant_tissue_free(&search->tissue);
+    pliant_outside_free(&search->outside);
+    pliant_free(search->made.point);
+    pliant_free(search->pose);
+    pliant_free(search->overlaps);
+    pliant_free(search->place);
+    pliant_free(search);
+}
+
+void pliant_contact_kept_free(pliant_contact_kept *kept) { free_known(kept->search, &kept->points); }
+void pliant_contact_free(pliant_data *data) { free_known(data->contact_search, &data->contacts); }

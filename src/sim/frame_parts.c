@@ -1,8 +1,6 @@
 #include "sim/frame_parts.h"
 
 #include "backend/backend.h"
-#include "base/rotate.h"
-#include "contact/find.h"
 #include "fem/dynamics/tled.h"
 #include "pliant/memory.h"
 #include "sim/contact.h"
@@ -20,8 +18,7 @@ struct pliant_frame_begin {
     float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* (blocks) */
     double target[PLIANT_MAX_TOOLS][3], passed[PLIANT_MAX_TOOLS][3], passed_target[PLIANT_MAX_TOOLS][3], passed_step;
     int32_t substeps;
-    pliant_tool tools[PLIANT_MAX_TOOLS]; /* what they point to is the simulation's */
-    pliant_data contact;             /* points, and what the search knows; nothing else in it */
+    pliant_contact_kept contact;
     pliant_contacts told, merged;    /* forces times the share of the frame [N]; room for the next ones */
 };
 
@@ -50,7 +47,7 @@ static bool keep(pliant_data *data)
     const size_t nodes = (size_t)data->body->fine.num_nodes, blocks = tled->memory ? (size_t)pliant_tled_blocks(tled->system) : 0;
     if (!data->frame_begin && !(data->frame_begin = pliant_calloc(1, sizeof *data->frame_begin))) return false;
     struct pliant_frame_begin *begin = data->frame_begin;
-    if (!reserve(begin, (int32_t)nodes, (int32_t)blocks) || pliant_contact_copy(data, &begin->contact) != PLIANT_OK) return false;
+    if (!reserve(begin, (int32_t)nodes, (int32_t)blocks) || pliant_contact_keep(data, &begin->contact) != PLIANT_OK) return false;
     memcpy(begin->positions, data->positions, 3 * nodes * sizeof *data->positions);
     memcpy(begin->u, tled->u, 3 * nodes * sizeof *tled->u);
     memcpy(begin->d, tled->d, 3 * nodes * sizeof *tled->d);
@@ -60,7 +57,6 @@ static bool keep(pliant_data *data)
     memcpy(begin->passed_target, tled->passed_target, sizeof begin->passed_target);
     begin->passed_step = tled->passed_step;
     begin->substeps = tled->substeps;
-    memcpy(begin->tools, data->tools, sizeof begin->tools);
     begin->told.count = 0;
     return true;
 }
@@ -90,8 +86,7 @@ void pliant_frame_undo(const pliant_model *model, pliant_data *data)
     tled->passed_step = begin->passed_step;
     begin_anew(tled);
     for (size_t n = 0; n < 3 * nodes; n++) tled->d[n] *= (double)begin->substeps / tled->substeps; /* sub-steps may have been halved on the way */
-    memcpy(data->tools, begin->tools, sizeof begin->tools);
-    (void)pliant_contact_copy(&begin->contact, data);
+    pliant_contact_undo(&begin->contact, data);
     (void)pliant_backend_restart(model, data);
 }
 
@@ -100,17 +95,9 @@ static void go(const pliant_model *model, pliant_data *data, int32_t done)
 {
     const double share = (double)done / data->tled->substeps;
     for (int t = 0; t < data->num_tools; t++) {
-        const pliant_tool *end = data->frame_begin->tools + t; /* where it was set to, and from where */
-        pliant_tool *tool = data->tools + t;
-        memcpy(tool->tip, end->tip, sizeof tool->tip);
-        memcpy(tool->rotation, end->rotation, sizeof tool->rotation);
-        tool->jaw = end->jaw;
-        data->tled->later[t] = 0;
-        if (end->holding && !pliant_contact_goes_on(model, end)) data->tled->later[t] = data->tled->substeps - done;
-        if (done == data->tled->substeps || !pliant_contact_goes_on(model, end)) continue;
-        for (int d = 0; d < 3; d++) tool->tip[d] = end->last.tip[d] + share * (end->tip[d] - end->last.tip[d]);
-        pliant_rotation_between(end->last.rotation, end->rotation, share, tool->rotation);
-        tool->jaw = end->last.jaw + share * (end->jaw - end->last.jaw);
+        const pliant_tool *end = data->frame_begin->contact.tools + t; /* where it was set to, and from where */
+        pliant_contact_go(model, end, share, data->tools + t);
+        data->tled->later[t] = end->holding && !pliant_contact_goes_on(model, end) ? data->tled->substeps - done : 0;
     }
 }
 
@@ -138,8 +125,6 @@ void pliant_frame_part_begin(const pliant_model *model, pliant_data *data)
     if (pliant_tled_in_parts(tled)) go(model, data, tled->made + tled->part);
 }
 
-static int compare(const pliant_contact_point *a, const pliant_contact_point *b) { return (a->feature > b->feature) - (a->feature < b->feature); }
-
 /* The points of a part, to those that are told; each as it was last. */
 static pliant_status add_up(const pliant_data *data, double share)
 {
@@ -152,7 +137,7 @@ static pliant_status add_up(const pliant_data *data, double share)
     }
     out->count = 0;
     for (int32_t a = 0, b = 0; a < told->count || b < now->count;) {
-        const int order = a == told->count ? 1 : b == now->count ? -1 : compare(told->point + a, now->point + b);
+        const int order = a == told->count ? 1 : b == now->count ? -1 : pliant_contact_compare(told->point + a, now->point + b);
         pliant_contact_point *point = out->point + out->count++;
         *point = order < 0 ? told->point[a] : now->point[b];
         for (int d = 0; d < 3; d++) point->force[d] = (order <= 0 ? told->point[a].force[d] : 0) + (order >= 0 ? share * now->point[b].force[d] : 0);
@@ -160,9 +145,7 @@ static pliant_status add_up(const pliant_data *data, double share)
         a += order <= 0;
         b += order >= 0;
     }
-    const pliant_contacts kept = begin->told;
-    begin->told = begin->merged;
-    begin->merged = kept;
+    pliant_contacts_exchange(&begin->told, &begin->merged);
     return PLIANT_OK;
 }
 
@@ -213,7 +196,7 @@ void pliant_frame_parts_free(pliant_data *data)
 {
     struct pliant_frame_begin *begin = data->frame_begin;
     if (!begin) return;
-    pliant_contact_free(&begin->contact);
+    pliant_contact_kept_free(&begin->contact);
     pliant_free(begin->told.point);
     pliant_free(begin->merged.point);
     pliant_free(begin->positions);

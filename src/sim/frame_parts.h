@@ -13,7 +13,7 @@ extern "C" {
 void pliant_frame_part_begin(const pliant_model *model, pliant_data *data);
 /* A part is done. *more: another one follows; otherwise contacts tell of the whole frame. Errors: MEMORY */
 pliant_status pliant_frame_part_end(pliant_data *data, bool *more);
-/* The step has failed: as it began, and tools are where they were set. */
+/* The step has failed: as it began, and tools are where they were set; needs no memory. */
 void pliant_frame_undo(const pliant_model *model, pliant_data *data);
 void pliant_frame_parts_free(pliant_data *data);
 

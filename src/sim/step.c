@@ -154,7 +154,8 @@ static void take_no_more(pliant_data *data)
 static bool goes_wrong(const pliant_model *model, pliant_data *data, const pliant_substeps *parts)
 {
     if (!pliant_substeps_can_be_more(data, parts)) return false;
-    return pliant_substeps_turned(data) || pliant_contact_passed(model, data);
+    const pliant_contact_start start = pliant_substeps_start(data, parts);
+    return pliant_substeps_turned(data) || pliant_contact_passed(model, data, &start);
 }
 
 /* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool, from where it began if that is kept: where
@@ -164,6 +165,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, c
 {
     enum { MOST = 6 };
     const bool kept = parts->kept;
+    const pliant_contact_start begun = pliant_substeps_start(data, parts);
     int again = 0;
     const bool may_pass = pliant_contact_may_pass(model, data);
     if (!may_pass && parts->at == parts->count) return first;
@@ -172,7 +174,8 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, c
     if (!may_pass) return first;
     status = first;
     take_no_more(data);
-    for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data); again++) {
+    for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data, &begun); again++) {
+        if (kept && !pliant_substeps_can_go_back(data)) break;
         const double start = pliant_seconds();
         const int32_t iterations = data->statistics.iterations;
         if (!kept) pliant_contact_goes_on_from_here(data);
@@ -230,6 +233,7 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         }
         if (status < 0) return status;
         if (status > 0) *caveat = status;
+        if (stage == PLIANT_STEP_contact) pliant_substeps_found(data, parts);
         if (stage != PLIANT_STEP_upsample) continue;
         if ((status = pliant_frame_part_end(data, &more)) < 0) return status;
         if (wrong && (status = pliant_substeps_again(model, data, parts)) < 0) return status;

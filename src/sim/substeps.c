@@ -1,7 +1,6 @@
 #include "sim/substeps.h"
 
 #include "backend/backend.h"
-#include "base/rotate.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -12,20 +11,20 @@
 
 enum { MOST = 16 };
 
-/* Where nodes are. */
+/* Where nodes are, and with which points of contact. */
 typedef struct placed {
     int32_t room_nodes, room_solved;
     double *positions, *solved; /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
+    pliant_contacts points;
 } placed;
 
 /* What a step began with, of the stages from contact to upsample. */
 struct pliant_step_begin {
-    placed part, last;               /* as the step, or the part that it is at, began, and as it was solved last */
-    placed step;                     /* as the step began, and all that follows, of one that may be taken in parts */
-    pliant_tool tools[PLIANT_MAX_TOOLS]; /* what they point to is the simulation's */
+    placed part, last;               /* as the solve of the step, or of the part that it is at, began, and as it ended last */
+    placed step;                     /* as the step began, and all that follows, of one that may be taken in parts; without points */
+    pliant_contact_kept contact;
     double force[PLIANT_MAX_TOOLS][3];   /* of their handles [N] */
     pliant_even even;
-    pliant_data contact;             /* points, and what the search knows; nothing else in it */
 };
 
 static bool reserve(double **room, int32_t *has, int32_t nodes)
@@ -60,6 +59,7 @@ static pliant_status put(const pliant_model *model, pliant_data *data, const pla
     placed now = {.positions = data->positions, .solved = solver->now.x};
     copy(data, at, &now);
     pliant_solver_moved(solver);
+    (void)pliant_solver_touch(solver, NULL, NULL, NULL); /* those of where it was */
     const pliant_status status = pliant_backend_move(model, data);
     solver->even = even;
     return status;
@@ -70,12 +70,12 @@ static bool reserve_placed(const pliant_data *data, placed *room)
     return reserve(&room->positions, &room->room_nodes, data->body->fine.num_nodes) && reserve(&room->solved, &room->room_solved, data->solver->system->mesh->num_nodes);
 }
 
-/* Where nodes are. false: there is no memory for it */
+/* false: there is no memory for it */
 static bool keep(const pliant_model *model, pliant_data *data)
 {
     if (!data->step_begin && !(data->step_begin = pliant_calloc(1, sizeof *data->step_begin))) return false;
     struct pliant_step_begin *begin = data->step_begin;
-    if (!reserve_placed(data, &begin->part) || !reserve_placed(data, &begin->last)) return false;
+    if (!reserve_placed(data, &begin->part)) return false;
     take(model, data, &begin->part);
     return true;
 }
@@ -85,24 +85,21 @@ static bool keep_all(pliant_data *data)
 {
     const pliant_solver *solver = data->solver;
     struct pliant_step_begin *begin = data->step_begin;
-    if (!reserve_placed(data, &begin->step) || pliant_contact_copy(data, &begin->contact) != PLIANT_OK) return false;
+    if (!reserve_placed(data, &begin->step) || pliant_contact_keep(data, &begin->contact) != PLIANT_OK) return false;
     copy(data, &begin->part, &begin->step);
-    memcpy(begin->tools, data->tools, sizeof begin->tools);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(begin->force[t], solver->handles[t].force, sizeof begin->force[t]);
     begin->even = solver->even;
     return true;
 }
 
-/* Errors: MEMORY, those of a backend. */
+/* But for tools and contacts. Errors: of a backend. */
 static pliant_status go_back(const pliant_model *model, pliant_data *data)
 {
-    struct pliant_step_begin *begin = data->step_begin;
+    const struct pliant_step_begin *begin = data->step_begin;
     pliant_solver *solver = data->solver;
-    memcpy(data->tools, begin->tools, sizeof begin->tools);
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, begin->force[t], sizeof begin->force[t]);
     solver->even = begin->even;
-    const pliant_status status = pliant_contact_copy(&begin->contact, data), restarted = put(model, data, &begin->step);
-    return status < 0 ? status : restarted;
+    return put(model, data, &begin->step);
 }
 
 /* Tools to where they are as the part ends, and what they pull tissue to as far. Those that have jumped are there at once. */
@@ -112,18 +109,11 @@ static void go(const pliant_model *model, pliant_data *data, const pliant_subste
     data->parts = parts->count;
     data->solver->reserved = parts->left * (1 - share);
     for (int t = 0; t < data->num_tools && parts->most > 1; t++) {
-        const pliant_tool *end = data->step_begin->tools + t; /* where it was set to, and from where */
+        const pliant_tool *end = data->step_begin->contact.tools + t; /* where it was set to, and from where */
         pliant_tool *tool = data->tools + t;
         pliant_handle *handle = data->solver->handles + t;
-        memcpy(tool->tip, end->tip, sizeof tool->tip);
-        memcpy(tool->rotation, end->rotation, sizeof tool->rotation);
-        tool->jaw = end->jaw;
-        if (pliant_handle_is_spring(handle)) memcpy(handle->target, parts->target[t], sizeof handle->target);
-        if (parts->at == parts->count || !pliant_contact_goes_on(model, end)) continue;
-        for (int d = 0; d < 3; d++) tool->tip[d] = end->last.tip[d] + share * (end->tip[d] - end->last.tip[d]);
-        pliant_rotation_between(end->last.rotation, end->rotation, share, tool->rotation);
-        tool->jaw = end->last.jaw + share * (end->jaw - end->last.jaw);
-        for (int d = 0; d < 3 && pliant_handle_is_spring(handle); d++) handle->target[d] += tool->tip[d] - end->tip[d];
+        pliant_contact_go(model, end, share, tool);
+        for (int d = 0; d < 3 && pliant_handle_is_spring(handle); d++) handle->target[d] = parts->target[t][d] + (tool->tip[d] - end->tip[d]);
     }
 }
 
@@ -134,13 +124,18 @@ void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_
     if (!data->solver) return;
     data->solver->spent = data->solver->reserved = 0;
     const bool far = pliant_contact_goes_far(model, data);
-    if (data->falling || pliant_patch_serves(data) > 0 || !(far || pliant_contact_presses(data)) || !keep(model, data)) return;
+    if (data->falling || pliant_patch_serves(data) > 0 || !(far || pliant_contact_presses(model, data)) || !keep(model, data)) return;
     parts->kept = true;
     if (!far || !keep_all(data)) return;
     parts->most = MOST;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], data->solver->handles[t].target, sizeof parts->target[t]);
     while (parts->count < parts->most && pliant_contact_turn(model, data) > parts->count) parts->count *= 2;
     if (parts->count > 1) go(model, data, parts);
+}
+
+void pliant_substeps_found(pliant_data *data, pliant_substeps *parts)
+{
+    parts->kept = parts->kept && pliant_contacts_copy(&data->contacts, &data->step_begin->part.points) == PLIANT_OK;
 }
 
 bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_substeps *parts)
@@ -162,7 +157,8 @@ pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data
 {
     const pliant_solver *solver = data->solver;
     parts->count = 2 * parts->count;
-    const pliant_status status = go_back(model, data);
+    pliant_status status = pliant_contact_again(&data->step_begin->contact, data);
+    if (status == PLIANT_OK) status = go_back(model, data);
     if (status < 0) return status;
     copy(data, &data->step_begin->step, &data->step_begin->part);
     parts->at = 1;
@@ -171,18 +167,39 @@ pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data
     return PLIANT_OK;
 }
 
-pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data)
+pliant_contact_start pliant_substeps_start(pliant_data *data, const pliant_substeps *parts)
 {
-    take(model, data, &data->step_begin->last);
-    return put(model, data, &data->step_begin->part);
+    if (!parts->kept) return (pliant_contact_start){.positions = data->positions, .points = &data->contacts};
+    return (pliant_contact_start){.positions = data->step_begin->part.positions, .points = &data->step_begin->part.points};
 }
 
-pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data) { return put(model, data, &data->step_begin->last); }
+bool pliant_substeps_can_go_back(pliant_data *data)
+{
+    placed *last = &data->step_begin->last;
+    return reserve_placed(data, last) && pliant_contacts_reserve(&last->points, data->step_begin->part.points.count) == PLIANT_OK;
+}
+
+pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data)
+{
+    struct pliant_step_begin *begin = data->step_begin;
+    take(model, data, &begin->last);
+    pliant_contacts_exchange(&data->contacts, &begin->last.points);
+    (void)pliant_contacts_copy(&begin->part.points, &data->contacts); /* there is room */
+    return put(model, data, &begin->part);
+}
+
+pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data)
+{
+    pliant_contacts_exchange(&data->contacts, &data->step_begin->last.points);
+    return put(model, data, &data->step_begin->last);
+}
 
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts)
 {
-    if (parts->count > 1) (void)go_back(model, data);
     data->parts = 1;
+    if (parts->most <= 1) return;
+    pliant_contact_undo(&data->step_begin->contact, data);
+    (void)go_back(model, data);
 }
 
 static double volume_of(const double *x, const int32_t *node)
@@ -209,8 +226,9 @@ void pliant_substeps_free(pliant_data *data)
 {
     if (!data->step_begin) return;
     placed *const all[] = {&data->step_begin->part, &data->step_begin->last, &data->step_begin->step};
-    pliant_contact_free(&data->step_begin->contact);
+    pliant_contact_kept_free(&data->step_begin->contact);
     for (int n = 0; n < 3; n++) {
+        pliant_free(all[n]->points.point);
         pliant_free(all[n]->positions);
         pliant_free(all[n]->solved);
     }

@@ -138,6 +138,25 @@ TEST(SweptDynamics, ASlowToolPaysNothing)
     EXPECT_EQ(sheet.data->frame_begin, nullptr);
 }
 
+// A thin one that crosses the air above it at 0.25 m/s, too; where it comes to the sheet, frames are run in parts.
+TEST(SweptDynamics, AToolInTheAirPaysNothing)
+{
+    Sheet sheet(1, 0.2, 0, PLIANT_LINEAR, true);
+    const int tool = sheet.add("probe", ball(0.001), 0.03, 0.03, 0.08);
+    int32_t parts = 1;
+    for (int step = 1; step <= 17; step++) {
+        const double z = 0.08 - 0.005 * step;
+        sheet.move(tool, 0.03, 0.03, z);
+        ASSERT_EQ(pliant_step(sheet.model, sheet.data), PLIANT_OK);
+        if (z > 0.03) EXPECT_EQ(sheet.data->parts, 1) << z;
+        if (z > 0.03) EXPECT_EQ(sheet.data->frame_begin, nullptr) << z;
+        if (std::fabs(z - 0.004) < 0.006) EXPECT_GT(sheet.data->parts, 5) << z;
+        parts = std::max(parts, sheet.data->parts);
+    }
+    EXPECT_GT(parts, 5);
+    EXPECT_GT(sheet.farthest(), 0.002);
+}
+
 // A frame has its sub-steps, in however many parts it is run, and forces are its mean: what has been pushed has what the tool gave.
 TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
 {

@@ -3,6 +3,7 @@
 
 #include "pliant/memory.h"
 
+#include <algorithm>
 #include <vector>
 
 namespace {
@@ -168,6 +169,105 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
         ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     }
     EXPECT_GT(failed, 0);
+}
+
+// A ball slides along the sheet with friction, and a needle comes up beside it, by which steps are solved again.
+struct Slide {
+    Slide(double beside) : beside(beside), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)), needle(sheet.add("needle", rod(0.0005), 0.036 + beside, 0.03, -0.012))
+    {
+        EXPECT_EQ(pliant_data_set_limits(sheet.data, 300, 1e-7), PLIANT_OK);
+        for (int step = 0; step < 10; step++) EXPECT_GE(go(sheet.data, 0.02 + 0.0015 * step, 0.0105 - 0.001 * std::min(step, 4), -0.012), 0);
+    }
+    pliant_status go(pliant_data *data, double x, double z, double needle_z)
+    {
+        const double tip[3] = {x, 0.03, z}, other[3] = {0.036 + beside, 0.03, needle_z};
+        EXPECT_EQ(pliant_tool_set_pose(data, ball_at, tip, nullptr), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_pose(data, needle, other, nullptr), PLIANT_OK);
+        return pliant_step(sheet.model, data);
+    }
+    pliant_status come_up(pliant_data *data) { return go(data, 0.0375, 0.0065, 0.008); }
+    Sheet sheet{1, 0.2};
+    double beside;
+    int ball_at, needle;
+};
+
+// Friction that has slipped is mu times what presses, also in a step that is solved again, or in parts: what slipped in a solve that did not count is forgotten.
+TEST(Swept, AStepThatIsSolvedAgainSlidesByCoulombsLaw)
+{
+    int32_t parts = 1;
+    for (const double beside : {-0.006, -0.012}) {
+        Slide run(beside);
+        const int32_t before = run.sheet.data->statistics.iterations;
+        ASSERT_GE(run.come_up(run.sheet.data), 0);
+        EXPECT_GT(static_cast<int32_t>(run.sheet.data->statistics.iterations), 2 * before); // solved again
+        double presses = 0, slides = 0;
+        for (int32_t p = 0; p < run.sheet.data->contacts.count; p++) {
+            const pliant_contact_point &point = run.sheet.data->contacts.point[p];
+            double normal = 0, all = 0;
+            for (int d = 0; d < 3; d++) {
+                normal += point.force[d] * point.normal[d];
+                all += point.force[d] * point.force[d];
+            }
+            if (point.tool != run.ball_at) continue;
+            presses += normal;
+            slides += std::sqrt(std::fmax(0, all - normal * normal));
+        }
+        EXPECT_GT(presses, 0.1);
+        EXPECT_NEAR(slides / presses, 0.2, 0.2e-3) << beside;
+        parts = std::max(parts, run.sheet.data->parts);
+    }
+    EXPECT_GT(parts, 1); // one of them
+}
+
+std::vector<double> points_of(const pliant_data *data)
+{
+    std::vector<double> out;
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point &point = data->contacts.point[p];
+        out.push_back(static_cast<double>(point.feature));
+        out.push_back(point.begun);
+        for (int d = 0; d < 3; d++) out.insert(out.end(), {point.place[d], point.force[d], point.anchor[d]});
+    }
+    return out;
+}
+
+// Wherever memory runs out in it, a step that is solved again is as it began, with its points, or as it was solved before, or done.
+TEST(Swept, AStepThatIsSolvedAgainWithoutMemoryIsWhole)
+{
+    Slide run(-0.012);
+    const size_t in_use = pliant_memory_in_use();
+    int failed = 0, done = 0;
+    std::vector<std::vector<double>> ends;
+    for (int64_t calls = 0; calls < 200; calls += calls < 16 ? 1 : 4) {
+        pliant_data *data = nullptr;
+        ASSERT_EQ(pliant_data_copy(run.sheet.model, run.sheet.data, &data), PLIANT_OK);
+        const std::vector<double> points = points_of(data), before(data->positions, data->positions + 3 * data->body->fine.num_nodes);
+        pliant_memory_fail_after(calls);
+        const pliant_status status = run.come_up(data);
+        pliant_memory_fail_after(-1);
+        const std::vector<double> after(data->positions, data->positions + before.size());
+        if (status < 0) {
+            failed++;
+            EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
+            EXPECT_EQ(points_of(data), points) << "after " << calls << " allocations";
+            EXPECT_EQ(after, before) << "after " << calls << " allocations";
+        } else {
+            done++;
+            int32_t begun = 0;
+            for (int32_t p = 0; p < data->contacts.count; p++) {
+                begun += data->contacts.point[p].begun;
+                if (p > 0) EXPECT_LT(data->contacts.point[p - 1].feature, data->contacts.point[p].feature);
+            }
+            EXPECT_EQ(begun, data->statistics.contacts) << "after " << calls << " allocations";
+            if (std::find(ends.begin(), ends.end(), after) == ends.end()) ends.push_back(after);
+        }
+        EXPECT_GE(run.go(data, 0.0375, 0.0065, 0.008), 0) << "after " << calls << " allocations";
+        pliant_data_free(data);
+    }
+    EXPECT_EQ(pliant_memory_in_use(), in_use);
+    EXPECT_GT(failed, 0);
+    EXPECT_GT(done, 0);
+    EXPECT_GT(ends.size(), 2u); // solved again from where it began, or from where it was, or not
 }
 
 // The parts follow from what a record has: poses, and what live steps took of what was made in the background.

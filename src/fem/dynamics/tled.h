@@ -112,7 +112,7 @@ struct pliant_tled {
     double *u, *d;                          /* (num_nodes x 3) displacement and its last increment [m] */
     float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* Prony: overstress that has relaxed, rest volume times second
                                                      * Piola-Kirchhoff [N m]; NULL: elastic */
-    double *kept_u, *kept_d;                /* at the start of the frame; a backend's arrivals */
+    double *kept_u, *kept_d;                /* as the frame, or the part of it that is run, began; a backend's arrivals */
     float (*kept_memory)[6 * PLIANT_PRONY_TERMS][LANES];
     double target[PLIANT_MAX_TOOLS][3];     /* where held points are pulled to now [m] */
     double kept_target[PLIANT_MAX_TOOLS][3];
@@ -224,7 +224,7 @@ void pliant_tled_collide(pliant_tled *tled, double factor, int32_t first, int32_
 /* ---- tled_contact.c */
 static inline bool pliant_tled_touches(const pliant_tled *tled) { return tled->contacts && tled->contacts->count > 0; }
 pliant_status pliant_tled_touch_begin(pliant_tled *tled); /* of a frame. Errors: MEMORY */
-/* Contact of all points, after a sub-step and what tools pull; made: sub-steps of the frame before it. Returns their load, as pliant_tled_pull. */
+/* Contact of all points, after a sub-step and what tools pull; made: sub-steps of this part of the frame before it. Returns their load, as pliant_tled_pull. */
 double pliant_tled_touch_all(pliant_tled *tled, double factor, int32_t made);
 void pliant_tled_touch_end(pliant_tled *tled, int32_t steps, pliant_statistics *statistics); /* to the points */
 void pliant_tled_touch_free(pliant_tled *tled);

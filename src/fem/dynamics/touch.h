@@ -28,12 +28,12 @@ typedef struct pliant_touch_nodes {
 
 typedef struct pliant_touch_time {
     double factor;             /* A over the inverse mass [s^2] */
-    double done, part;         /* of the frame: at the end of this sub-step, by it */
+    double done, part;         /* of this part of the frame: at the end of this sub-step, by it */
     bool still;                /* dynamic relaxation */
-    bool first, last;          /* of the frame */
+    bool first, last;          /* of the part */
 } pliant_touch_time;
 
-/* made: sub-steps of the frame before this one */
+/* substeps, made: of this part of the frame, and of these before this one */
 PLIANT_INLINE pliant_touch_time pliant_touch_time_of(bool still, double factor, int32_t substeps, int32_t made)
 {
     pliant_touch_time time;
