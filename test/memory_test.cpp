@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstring>
 #include <random>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -195,6 +196,38 @@ TEST(Memory, WhatIsFollowedIsNotReadAgain)
     EXPECT_EQ(next[LARGE - 1], 1);
     pliant_free(next);
     pliant_free(at_load);
+}
+
+TEST(Memory, ABlockOfSeveralHoldersGoesWithTheLast)
+{
+    const size_t before = pliant_memory_in_use();
+    for (const size_t bytes : {size_t{24}, LARGE}) {
+        Keeping keeping(16 * int64_t(LARGE));
+        void *block = pliant_calloc(bytes, 1);
+        ASSERT_NE(block, nullptr);
+        const size_t one = pliant_memory_in_use();
+        EXPECT_EQ(pliant_share(block), block);
+        EXPECT_EQ(pliant_memory_in_use(), one) << "it is there once";
+        std::vector<std::thread> holders;
+        for (int h = 0; h < 4; h++) {
+            pliant_share(block);
+            holders.emplace_back([block] {
+                for (int i = 0; i < 10000; i++) pliant_free(pliant_share(block));
+                pliant_free(block);
+            });
+        }
+        for (auto &holder : holders) holder.join();
+        std::memset(block, 7, bytes);
+        pliant_free(block);
+        EXPECT_EQ(pliant_memory_in_use(), one);
+        EXPECT_TRUE(is(block, 7, bytes)) << "it is its other holder's";
+        pliant_free(block);
+        EXPECT_EQ(pliant_memory_in_use(), before);
+        void *again = pliant_calloc(bytes, 1);
+        pliant_free(again);
+        EXPECT_EQ(pliant_memory_in_use(), before) << "whoever has it next is alone";
+    }
+    EXPECT_EQ(pliant_share(nullptr), nullptr);
 }
 
 TEST(Memory, CopiesAreWholeAndNothingIsSomething)

@@ -22,6 +22,7 @@ typedef struct header {
     _Atomic(uint64_t *) stamp; /* Nullable: (pieces of room) of an array that follows another, or is followed; pieces with one stamp, at one place, are
                                 * the same bytes */
     pliant_account *account; /* Nullable: that it counts for */
+    atomic_int others;       /* who hold it as well */
 } header;
 
 _Static_assert(sizeof(header) <= ALIGNMENT, "a header is in front of its block");
@@ -84,6 +85,7 @@ static void uncount(const header *block, size_t bytes)
 static void enter(header *block, size_t bytes)
 {
     block->bytes = bytes;
+    atomic_store_explicit(&block->others, 0, memory_order_relaxed);
     block->account = pliant_account_share(account);
     count(block, bytes);
 }
@@ -399,10 +401,24 @@ bool pliant_grow(void *array, size_t number, size_t size)
     return true;
 }
 
+void *pliant_share(void *block)
+{
+    if (block) atomic_fetch_add_explicit(&header_of(block)->others, 1, memory_order_relaxed);
+    return block;
+}
+
+/* a block that is shared by none need not be written for that */
+static bool is_last(header *block)
+{
+    if (atomic_load_explicit(&block->others, memory_order_acquire) == 0) return true;
+    return atomic_fetch_sub_explicit(&block->others, 1, memory_order_acq_rel) == 0;
+}
+
 void pliant_free(void *block)
 {
     if (!block) return;
     header *own = header_of(block);
+    if (!is_last(own)) return;
     pliant_account *of = own->account;
     uncount(own, own->bytes);
     if (!keep(own)) give_back(own);

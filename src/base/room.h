@@ -16,6 +16,10 @@ void *pliant_room(size_t count, size_t size);
 /* A copy of count elements; room for one where there are none. NULL: out of memory. */
 void *pliant_copy_of(const void *from, size_t count, size_t size);
 
+/* The same block for one holder more, which does not write to it any more than the others do; pliant_free is each one's, and the last of them gives it
+ * back. It counts where it was asked for. */
+void *pliant_share(void *block);
+
 /* Arrays that follow one another, of which most stays the same: those of a body, of the next body, of what follows from them. An array of
  * `number` elements whose first `kept` are those of another block of the library, zeros behind them; number 0: room for one. It lies where one of
  * them lay that was freed, as far as there is one, and only what differs is copied; the first of them may be any block. So who writes to such an array,

@@ -282,6 +282,8 @@ bool pliant_solves_fine(const pliant_system *system);
 /* whether weights turn with the tissue, so that they change from step to step */
 bool pliant_upsample_turns(const pliant_system *system);
 void pliant_upsample_positions(const pliant_system *system, const double *solved, double *fine);
+/* M_j = sum of m_i N_ij over all fine nodes, [H] 10: mass (fine nodes) [kg]; dense (num_free x 9), zeroed by the caller [kg]. Errors: MEMORY. */
+pliant_status pliant_upsample_masses(const pliant_system *system, const double *mass, double *dense);
 /* Fine weights (sparse: nodes, weights) to 3 x 3 blocks on the unknowns, [H] 11: dense (num_free x 9), zeroed by the caller. */
 void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,
                              double *dense);

@@ -228,21 +228,17 @@ static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, c
     const pliant_discretization *before = kept ? kept->before : NULL;
     pliant_system *system = made->system;
     if (before && !hexahedra && !system->upsample && !system->macros && system->mesh == system->fine) return own_masses(made, before);
-    const int32_t count = body->fine.num_nodes;
-    int32_t *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    const size_t count = (size_t)body->fine.num_nodes;
     system->gravity_mass = pliant_calloc((size_t)system->num_free, 9 * sizeof *system->gravity_mass);
-    pliant_status status = nodes && system->gravity_mass ? PLIANT_OK : pliant_fail_memory("the gravity-mass matrices");
+    pliant_status status = system->gravity_mass ? PLIANT_OK : pliant_fail_memory("the gravity-mass matrices");
     const double *was = before ? before->system->fine_mass : NULL;
     if (status == PLIANT_OK && hexahedra && was) {
         status = pliant_hexahedra_masses_next(&body->fine, body->fine_material, was, before->body->fine.num_nodes, kept->fine, &system->fine_mass);
     } else if (status == PLIANT_OK && hexahedra) {
-        system->fine_mass = pliant_calloc((size_t)count, sizeof *system->fine_mass);
+        system->fine_mass = pliant_calloc(count, sizeof *system->fine_mass);
         status = system->fine_mass ? pliant_hexahedra_masses(&body->fine, body->fine_material, system->fine_mass) : pliant_fail_memory("the gravity-mass matrices");
     }
-    for (int32_t n = 0; status == PLIANT_OK && n < count; n++) nodes[n] = n;
-    if (status == PLIANT_OK) pliant_upsample_weights(system, system->mesh->rest, count, nodes, hexahedra ? system->fine_mass : body->node_mass, system->gravity_mass);
-    pliant_free(nodes);
-    return status;
+    return status == PLIANT_OK ? pliant_upsample_masses(system, hexahedra ? system->fine_mass : body->node_mass, system->gravity_mass) : status;
 }
 
 /* tetrahedra of the solved mesh that are kept, with whatever holds them; NULL: unknown, what is homogenized holds nodes of its own */

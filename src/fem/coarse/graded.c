@@ -208,7 +208,17 @@ static pliant_status list_tets(grading *work)
 
 /* ---- who follows */
 
-static void find_followers(grading *work)
+static void find_alike(grading *work)
+{
+    const pliant_graded *was = work->before->graded, *now = work->graded;
+    const pliant_body *before = work->kept->before->body;
+    const uint8_t *fixed = work->body->fine_fixed;
+    const int32_t nodes = before->fine.num_nodes < work->fine->num_nodes ? before->fine.num_nodes : work->fine->num_nodes;
+    for (int32_t n = 0; n < nodes; n++)
+        work->alike[n] = (was->in_refined[n] != 0) & (was->within[n] == now->within[n]) & (before->fine_fixed[n] == fixed[n]);
+}
+
+void pliant_graded_followers(grading *work)
 {
     const int32_t *tets = work->fine->tets;
     pliant_graded *graded = work->graded;
@@ -218,6 +228,7 @@ static void find_followers(grading *work)
         const int32_t tet = work->beside[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
         if (graded->in_refined[node] && graded->within[node] < 0) graded->within[node] = tet;
     }
+    if (work->alike) find_alike(work);
 }
 
 /* ---- what is solved */
@@ -277,7 +288,8 @@ static pliant_status begin(grading *work)
     if (status != PLIANT_OK) return status;
     work->now = pliant_calloc((size_t)work->elements->count, sizeof *work->now);
     work->free = pliant_calloc((size_t)work->graded->mesh.num_nodes, 1);
-    if (!work->now || !work->free) return no_memory();
+    if (work->before) work->alike = pliant_calloc(nodes, 1);
+    if (!work->now || !work->free || (work->before && !work->alike)) return no_memory();
     return !work->base->upsample->start || (work->point = pliant_calloc(nodes, sizeof *work->point)) ? PLIANT_OK : no_memory();
 }
 
@@ -295,12 +307,11 @@ pliant_status pliant_system_graded(pliant_system *system, const pliant_system *b
     if (status == PLIANT_OK) status = list_tets(&work);
     if (status == PLIANT_OK) {
         system->mesh = &work.graded->mesh;
-        find_followers(&work);
         status = pliant_graded_elements(&work);
     }
     if (status == PLIANT_OK) status = pliant_graded_upsample(&work);
     if (status == PLIANT_OK) status = find_fixed(&work, fixed);
-    void *blocks[] = {work.tet, work.beside, work.now, work.free, work.point};
+    void *blocks[] = {work.tet, work.beside, work.now, work.alike, work.free, work.point};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;
 }

@@ -18,6 +18,7 @@ typedef struct grading {
     int32_t *tet, num_tets;    /* fine tetrahedra in refined cubes, ascending */
     int32_t *beside, num_beside; /* those in the cubes around, which are not refined */
     int32_t *now;              /* (coarse elements) its number here, or -1 */
+    uint8_t *alike;            /* Nullable: (fine nodes) one of a refined cube that follows, or moves itself, as it did in the system before */
     uint8_t *free;             /* (solved nodes) an element has it, and nothing holds it */
     int32_t *point;            /* (fine nodes) the element without stiffness that stands for it, or -1; schur */
 } grading;
@@ -34,14 +35,9 @@ typedef struct followed {
 /* the coarse cube of a fine tetrahedron */
 static inline int32_t graded_cell_of(const grading *work, int32_t tet) { return work->coarse->lattice_of_tet[work->body->coarse_of_fine[tet]] / 5; }
 
-/* whether a fine node of a refined cube follows, or moves itself, as it did in the system before */
-static inline bool graded_follows_alike(const grading *work, int32_t node)
-{
-    const pliant_graded *was = work->before ? work->before->graded : NULL;
-    const pliant_body *before = was ? work->kept->before->body : NULL;
-    return was && node < before->fine.num_nodes && was->in_refined[node] && was->within[node] == work->graded->within[node] &&
-           before->fine_fixed[node] == work->body->fine_fixed[node];
-}
+/* ---- graded.c */
+/* Which fine nodes are in refined cubes, what they follow, and of which that is as it was. */
+void pliant_graded_followers(grading *work);
 
 /* ---- graded_elements.c */
 /* The elements, those at load first. Errors: MEMORY. */

@@ -1,6 +1,7 @@
 /* The elements of a graded system (graded.c): those of the coarse mesh that are left, then of the fine mesh hexahedra, then tetrahedra. What the system
  * of the body before had is copied. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/coarse/graded.h"
 #include "fem/element/hexahedra.h"
 #include "pliant/memory.h"
@@ -12,52 +13,82 @@ enum { CORNERS = GRADED_CORNERS };
 /* of fine elements of the system before, and what hexahedra have in common */
 typedef struct fine_elements {
     grading *work;
-    int32_t *was;              /* (fine tetrahedra) 1 + the element that each was, or was the first of; 0: none that stays */
+    int32_t *was;              /* (fine tetrahedra) of those in refined cubes, 1 + the element that each was, or was the first of; 0: none */
     pliant_cube_shape *shape;  /* (2) by parity */
     bool known[2];
-    uint8_t *done;             /* (fine tetrahedra) in a hexahedron */
+    uint8_t *done;             /* (fine tetrahedra) of those in refined cubes, in a hexahedron */
 } fine_elements;
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
 
-/* ---- of the coarse mesh */
-
-/* coarse elements [from, to) */
-static void add_base(grading *work, int32_t from, int32_t to)
+/* Elements [from, to) of other ones as those from e on: gradients, most of what they are, and all but those, where start[e] is known. Roots are those blocks. */
+static void copy_gradients(const pliant_macros *was, int32_t from, int32_t to, pliant_macros *macros, int32_t e)
 {
-    const pliant_macros *was = work->elements;
-    pliant_macros *macros = work->system->macros;
-    const size_t e = (size_t)macros->count, first = (size_t)from, count = (size_t)(to - from);
-    const int32_t begin = macros->start[e], shift = begin - was->start[from];
-    const size_t corners = (size_t)(was->start[to] - was->start[from]);
-    memcpy(macros->own + CORNERS * e, was->own + CORNERS * first, CORNERS * count * sizeof *was->own);
-    memcpy(macros->gradient + 24 * e, was->gradient + 24 * first, 24 * count * sizeof *was->gradient);
-    memcpy(macros->node + begin, was->node + was->start[from], corners * sizeof *was->node);
-    memcpy(macros->held + begin, was->held + was->start[from], corners);
-    memcpy(macros->cell + e, was->cell + first, count * sizeof *was->cell);
-    memcpy(macros->grounded + e, was->grounded + first, count);
-    memcpy(macros->shear + e, was->shear + first, count * sizeof *was->shear);
-    memcpy(macros->rank + e, was->rank + first, count * sizeof *was->rank);
-    memcpy(macros->root + e, was->root + first, count * sizeof *was->root);
-    memcpy(work->system->trace + e, work->graded->base->trace + first, count * sizeof *work->system->trace);
-    for (size_t i = 0; i < count; i++) {
-        macros->start[e + i + 1] = was->start[first + i + 1] + shift;
-        work->now[first + i] = (int32_t)(e + i);
-    }
-    macros->count += (int32_t)count;
+    memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * (size_t)(to - from) * sizeof *was->gradient);
 }
 
-static void add_all_base(grading *work)
+static void copy_others(const pliant_macros *was, int32_t from, int32_t to, pliant_macros *macros, int32_t e)
+{
+    const size_t at = (size_t)e, first = (size_t)from, count = (size_t)(to - from), corners = (size_t)(was->start[to] - was->start[from]);
+    const int32_t begin = macros->start[e], shift = begin - was->start[from];
+    memcpy(macros->own + CORNERS * at, was->own + CORNERS * first, CORNERS * count * sizeof *was->own);
+    memcpy(macros->node + begin, was->node + was->start[from], corners * sizeof *was->node);
+    memcpy(macros->held + begin, was->held + was->start[from], corners);
+    memcpy(macros->cell + at, was->cell + first, count * sizeof *was->cell);
+    memcpy(macros->grounded + at, was->grounded + first, count);
+    memcpy(macros->shear + at, was->shear + first, count * sizeof *was->shear);
+    memcpy(macros->rank + at, was->rank + first, count * sizeof *was->rank);
+    memcpy(macros->root + at, was->root + first, count * sizeof *was->root);
+    for (size_t i = 0; i < count; i++) macros->start[at + i + 1] = was->start[first + i + 1] + shift;
+}
+
+/* ---- of the coarse mesh */
+
+/* The next coarse elements in order whose cubes are not refined, [*from, *to); *to: where those before end. false: there are none */
+static bool next_base(const grading *work, int32_t *from, int32_t *to)
 {
     const int32_t count = work->elements->count, *cell = work->elements->cell;
     const uint8_t *refined = work->graded->refined;
-    for (int32_t from = 0; from < count;) {
-        int32_t to = from;
-        while (to < count && !refined[cell[to]]) to++;
-        add_base(work, from, to);
-        for (from = to; from < count && refined[cell[from]]; from++) work->now[from] = -1;
+    for (*from = *to; *from < count && refined[cell[*from]];) ++*from;
+    for (*to = *from; *to < count && !refined[cell[*to]];) ++*to;
+    return *from < count;
+}
+
+static int32_t add_base_gradients(const grading *work)
+{
+    int32_t e = 0;
+    for (int32_t from = 0, to = 0; next_base(work, &from, &to); e += to - from) copy_gradients(work->elements, from, to, work->system->macros, e);
+    return e;
+}
+
+static void add_base_others(const grading *work)
+{
+    int32_t e = 0;
+    memset(work->now, 0xff, (size_t)work->elements->count * sizeof *work->now);
+    for (int32_t from = 0, to = 0; next_base(work, &from, &to); e += to - from) {
+        copy_others(work->elements, from, to, work->system->macros, e);
+        memcpy(work->system->trace + e, work->graded->base->trace + from, (size_t)(to - from) * sizeof *work->system->trace);
+        for (int32_t i = from; i < to; i++) work->now[i] = e + i - from;
     }
-    work->graded->num_base = work->system->macros->num_lent = work->system->macros->count;
+}
+
+/* Two threads at most: each copies about as much. Roots are lent. */
+static void add_base(grading *work)
+{
+    pliant_macros *macros = work->system->macros;
+    const int threads = work->system->num_threads < 2 ? work->system->num_threads : 2;
+    int32_t count = 0;
+#pragma omp parallel sections num_threads(threads)
+    {
+#pragma omp section
+        count = add_base_gradients(work);
+#pragma omp section
+        {
+            add_base_others(work);
+            pliant_graded_followers(work);
+        }
+    }
+    work->graded->num_base = macros->num_lent = macros->count = count;
 }
 
 /* ---- of the fine mesh */
@@ -138,24 +169,8 @@ static int32_t find_same(const fine_elements *fine, int32_t first, const int32_t
     const int32_t was = work->before ? fine->was[first] : 0;
     if (was == 0 || (work->before->graded->tet[was - 1 - work->before->graded->num_base] < 0) != cube) return 0;
     for (int v = 0; v < n; v++)
-        if (!graded_follows_alike(work, node[v])) return 0;
+        if (!work->alike[node[v]]) return 0;
     return was;
-}
-
-static pliant_status copy_before(grading *work, int32_t from, int32_t e)
-{
-    const pliant_macros *was = work->before->macros;
-    pliant_macros *macros = work->system->macros;
-    const int32_t begin = was->start[from], corners = was->start[from + 1] - begin;
-    memcpy(macros->own + CORNERS * (size_t)e, was->own + CORNERS * (size_t)from, CORNERS * sizeof *was->own);
-    memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * sizeof *was->gradient);
-    memcpy(macros->node + macros->start[e], was->node + begin, (size_t)corners * sizeof *was->node);
-    memcpy(macros->held + macros->start[e], was->held + begin, (size_t)corners);
-    macros->start[e + 1] = macros->start[e] + corners;
-    macros->grounded[e] = was->grounded[from];
-    macros->shear[e] = was->shear[from];
-    work->system->trace[e] = work->before->trace[from];
-    return pliant_macros_copy_root(was, from, macros, e);
 }
 
 static const pliant_cube_shape *shape_of(fine_elements *fine, const pliant_cube *cube)
@@ -167,44 +182,110 @@ static const pliant_cube_shape *shape_of(fine_elements *fine, const pliant_cube 
     return fine->shape + parity;
 }
 
+/* of: what it is of, as pliant_graded says. Returns the element */
+static int32_t begin_element(grading *work, int32_t tet, int32_t of)
+{
+    const int32_t e = work->system->macros->count++;
+    work->system->macros->cell[e] = graded_cell_of(work, tet);
+    work->graded->tet[e - work->graded->num_base] = of;
+    return e;
+}
+
+/* Elements [from, to) of the system before. */
+static void share_before(grading *work, int32_t from, int32_t to)
+{
+    const pliant_system *before = work->before;
+    pliant_macros *macros = work->system->macros;
+    const int32_t e = macros->count;
+    copy_gradients(before->macros, from, to, macros, e);
+    copy_others(before->macros, from, to, macros, e);
+    macros->count += to - from;
+    memcpy(work->system->trace + e, before->trace + from, (size_t)(to - from) * sizeof *before->trace);
+    memcpy(work->graded->tet + e - work->graded->num_base, before->graded->tet + from - before->graded->num_base, (size_t)(to - from) * sizeof *work->graded->tet);
+    for (int32_t i = from; i < to; i++) pliant_share(before->macros->root[i]);
+}
+
+/* Those of it that are next in order are copied at once. from, to: [from, to) found so far; was: 1 + one more, or 0 */
+static void take_run(grading *work, int32_t was, int32_t *from, int32_t *to)
+{
+    if (was > 0 && was - 1 == *to) {
+        ++*to;
+        return;
+    }
+    if (*to > *from) share_before(work, *from, *to);
+    *from = was > 0 ? was - 1 : 0;
+    *to = was;
+}
+
+static bool stays_whole(const grading *work, const pliant_cube *cube)
+{
+    if (!work->before) return false;
+    for (int slot = 0; slot < 5; slot++)
+        if (!work->kept->fine[cube->tet[slot]]) return false;
+    return true;
+}
+
 static pliant_status add_cube(fine_elements *fine, const pliant_cube *cube)
 {
     grading *work = fine->work;
     pliant_macros *macros = work->system->macros;
-    const int32_t e = macros->count;
-    for (int slot = 0; slot < 5; slot++) fine->done[cube->tet[slot]] = 1;
     if (is_fixed(work, cube->node, CORNERS)) return PLIANT_OK;
-    bool kept = true;
-    for (int slot = 0; slot < 5; slot++) kept = kept && work->before && work->kept->fine[cube->tet[slot]];
-    const int32_t was = kept ? find_same(fine, cube->tet[0], cube->node, CORNERS, true) : 0;
-    macros->cell[e] = graded_cell_of(work, cube->tet[0]);
-    work->graded->tet[e - work->graded->num_base] = -1 - cube->tet[0];
-    macros->count++;
-    if (was > 0) return copy_before(work, was - 1, e);
+    const int32_t e = begin_element(work, cube->tet[0], -1 - cube->tet[0]);
     pliant_status status = pliant_macros_add_hexahedron(work->body->fine_material, cube, shape_of(fine, cube), macros, e);
     return status == PLIANT_OK ? lead(work, cube->node, CORNERS, e) : status;
+}
+
+static pliant_status add_cubes(fine_elements *fine, const pliant_cube *cubes, int32_t count)
+{
+    pliant_status status = PLIANT_OK;
+    int32_t from = 0, to = 0;
+    for (int32_t i = 0; status == PLIANT_OK && i < count; i++) {
+        const pliant_cube *cube = cubes + i;
+        const int32_t was = stays_whole(fine->work, cube) ? find_same(fine, cube->tet[0], cube->node, CORNERS, true) : 0;
+        for (int slot = 0; slot < 5; slot++) fine->done[cube->tet[slot]] = 1;
+        take_run(fine->work, was, &from, &to);
+        if (was == 0) status = add_cube(fine, cube);
+    }
+    if (status == PLIANT_OK) take_run(fine->work, 0, &from, &to);
+    return status;
 }
 
 static pliant_status add_tet(fine_elements *fine, int32_t tet)
 {
     grading *work = fine->work;
     pliant_macros *macros = work->system->macros;
-    const int32_t e = macros->count, *node = work->fine->tets + 4 * (size_t)tet;
+    const int32_t *node = work->fine->tets + 4 * (size_t)tet;
     if (is_fixed(work, node, 4)) return PLIANT_OK;
-    const int32_t was = work->before && work->kept->fine[tet] ? find_same(fine, tet, node, 4, false) : 0;
-    macros->cell[e] = graded_cell_of(work, tet);
-    work->graded->tet[e - work->graded->num_base] = tet;
-    macros->count++;
-    if (was > 0) return copy_before(work, was - 1, e);
+    const int32_t e = begin_element(work, tet, tet);
     pliant_status status = pliant_macros_add_tet(work->fine, work->body->fine_material, tet, macros, e);
     return status == PLIANT_OK ? lead(work, node, 4, e) : status;
 }
 
+/* but those in hexahedra */
+static pliant_status add_tets(fine_elements *fine)
+{
+    const grading *work = fine->work;
+    pliant_status status = PLIANT_OK;
+    int32_t from = 0, to = 0;
+    for (int32_t i = 0; status == PLIANT_OK && i < work->num_tets; i++) {
+        const int32_t tet = work->tet[i];
+        if (fine->done[tet]) continue;
+        const int32_t was = work->before && work->kept->fine[tet] ? find_same(fine, tet, work->fine->tets + 4 * (size_t)tet, 4, false) : 0;
+        take_run(fine->work, was, &from, &to);
+        if (was == 0) status = add_tet(fine, tet);
+    }
+    if (status == PLIANT_OK) take_run(fine->work, 0, &from, &to);
+    return status;
+}
+
+/* was and done, of those in refined cubes alone */
 static void list_before(fine_elements *fine)
 {
-    const pliant_graded *was = fine->work->before->graded;
-    const int32_t tets = fine->work->fine->num_tets;
-    for (int32_t i = 0; i < was->num_fine; i++) {
+    const grading *work = fine->work;
+    const pliant_graded *was = work->before ? work->before->graded : NULL;
+    const int32_t tets = work->fine->num_tets;
+    for (int32_t i = 0; i < work->num_tets; i++) fine->was[work->tet[i]] = fine->done[work->tet[i]] = 0;
+    for (int32_t i = 0; was && i < was->num_fine; i++) {
         const int32_t tet = was->tet[i] < 0 ? -1 - was->tet[i] : was->tet[i];
         if (tet < tets) fine->was[tet] = was->num_base + i + 1;
     }
@@ -215,13 +296,12 @@ static pliant_status add_fine(grading *work)
     const size_t tets = (size_t)work->fine->num_tets;
     pliant_cube *cubes = NULL;
     int32_t num_cubes = 0;
-    fine_elements fine = {.work = work, .was = pliant_calloc(tets, sizeof *fine.was), .done = pliant_calloc(tets, 1), .shape = pliant_calloc(2, sizeof *fine.shape)};
+    fine_elements fine = {.work = work, .was = pliant_room(tets, sizeof *fine.was), .done = pliant_room(tets, 1), .shape = pliant_calloc(2, sizeof *fine.shape)};
     pliant_status status = fine.was && fine.done && fine.shape ? PLIANT_OK : no_memory();
-    if (status == PLIANT_OK && work->before) list_before(&fine);
+    if (status == PLIANT_OK) list_before(&fine);
     if (status == PLIANT_OK && work->hexahedra) status = pliant_cubes_find_among(work->fine, work->tet, work->num_tets, &cubes, &num_cubes);
-    for (int32_t i = 0; status == PLIANT_OK && i < num_cubes; i++) status = add_cube(&fine, cubes + i);
-    for (int32_t i = 0; status == PLIANT_OK && i < work->num_tets; i++)
-        if (!fine.done[work->tet[i]]) status = add_tet(&fine, work->tet[i]);
+    if (status == PLIANT_OK) status = add_cubes(&fine, cubes, num_cubes);
+    if (status == PLIANT_OK) status = add_tets(&fine);
     work->graded->num_fine = work->system->macros->count - work->graded->num_base;
     void *blocks[] = {fine.was, fine.done, fine.shape, cubes};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
@@ -241,6 +321,10 @@ static void add_points(grading *work)
         macros->node[begin] = node;
         macros->held[begin] = macros->grounded[e] = 1;
         for (int m = 0; m < CORNERS; m++) macros->own[CORNERS * (size_t)e + (size_t)m] = m == 0 ? node : -1;
+        memset(macros->gradient + 24 * (size_t)e, 0, 24 * sizeof *macros->gradient);
+        work->system->trace[e] = macros->shear[e] = 0;
+        macros->rank[e] = 0;
+        macros->root[e] = NULL;
         macros->cell[e] = graded_cell_of(work, tet);
         macros->start[e + 1] = begin + 1;
         macros->count++;
@@ -250,11 +334,15 @@ static void add_points(grading *work)
 static void find_used(grading *work)
 {
     const pliant_macros *macros = work->system->macros;
-    for (int32_t c = 0; c < macros->start[macros->count]; c++) {
+    const int32_t coarse = work->graded->coarse_nodes, base = macros->start[work->graded->num_base];
+    uint8_t *used = work->graded->used;
+    for (int32_t c = 0; c < base; c++) used[macros->node[c]] = 1;
+    for (int32_t c = base; c < macros->start[macros->count]; c++) {
         const int32_t node = macros->node[c];
-        if (node < work->graded->coarse_nodes) work->graded->used[node] = 1;
-        work->free[node] = !is_held(work, node);
+        if (node < coarse) used[node] = 1;
+        else work->free[node] = !is_held(work, node);
     }
+    for (int32_t n = 0; n < coarse; n++) work->free[n] = used[n] && !is_held(work, n);
 }
 
 pliant_status pliant_graded_elements(grading *work)
@@ -263,13 +351,12 @@ pliant_status pliant_graded_elements(grading *work)
     const size_t most = (size_t)work->elements->count, tets = (size_t)work->num_tets, points = work->point ? 4 * tets : 0;
     const size_t count = most + tets + points, corners = (size_t)work->elements->start[most] + 4 * CORNERS * tets + points;
     if (!(system->macros = pliant_calloc(1, sizeof *system->macros))) return no_memory();
-    pliant_status status = pliant_macros_allocate(system->macros, count, corners);
-    system->macros->count = 0;
+    pliant_status status = pliant_macros_room(system->macros, count, corners);
     if (status != PLIANT_OK) return status;
-    system->trace = pliant_calloc(count, sizeof *system->trace);
+    system->trace = pliant_room(count, sizeof *system->trace);
     work->graded->tet = pliant_calloc(tets + 1, sizeof *work->graded->tet);
     if (!system->trace || !work->graded->tet) return no_memory();
-    add_all_base(work);
+    add_base(work);
     if ((status = add_fine(work)) != PLIANT_OK) return status;
     find_used(work);
     if (work->point) add_points(work);

@@ -51,7 +51,7 @@ static size_t node_of_base(const grading *work, size_t node)
 static bool follows_as_listed(const grading *work, int32_t node)
 {
     const pliant_graded *was = work->before ? work->before->graded : NULL;
-    if (work->graded->in_refined[node]) return graded_follows_alike(work, node);
+    if (work->graded->in_refined[node]) return was && work->alike[node];
     return was ? node < work->before->fine->num_nodes && !was->in_refined[node] : node < work->base->fine->num_nodes;
 }
 

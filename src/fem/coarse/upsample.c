@@ -217,11 +217,44 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
     }
 }
 
+/* block: Nullable: the identity */
 static void add_block(const pliant_system *system, int32_t node, double weight, const double block[9], double *dense)
 {
-    int32_t unknown = system->free_of_node[node];
+    const int32_t unknown = system->free_of_node[node];
     if (unknown < 0) return;
-    for (int m = 0; m < 9; m++) dense[9 * (size_t)unknown + m] += weight * (block ? block[m] : m % 4 == 0);
+    double *out = dense + 9 * (size_t)unknown;
+    for (int m = 0; block && m < 9; m++) out[m] += weight * block[m];
+    for (int m = 0; !block && m < 9; m += 4) out[m] += weight;
+}
+
+/* By linear weights every M_j is some m_j I: sums of one number. */
+static void linear_masses(const pliant_system *system, const double *mass, double *dense)
+{
+    const pliant_upsample *upsample = system->upsample;
+    const size_t corners = (size_t)upsample->corners, count = (size_t)system->fine->num_nodes;
+    for (size_t n = 0; n < count; n++) {
+        if (upsample->still && upsample->still[n] != PLIANT_MOVES) continue;
+        for (size_t v = corners * n; v < corners * (n + 1); v++) {
+            const int32_t unknown = system->free_of_node[upsample->node[v]];
+            if (unknown >= 0) dense[9 * (size_t)unknown] += mass[n] * upsample->weights[v];
+        }
+    }
+    for (size_t f = 0; f < (size_t)system->num_free; f++) dense[9 * f + 4] = dense[9 * f + 8] = dense[9 * f];
+}
+
+pliant_status pliant_upsample_masses(const pliant_system *system, const double *mass, double *dense)
+{
+    const int32_t count = system->fine->num_nodes;
+    if (!follows_macros(system) && system->upsample && !system->upsample->start) {
+        linear_masses(system, mass, dense);
+        return PLIANT_OK;
+    }
+    int32_t *nodes = pliant_calloc((size_t)count, sizeof *nodes);
+    if (!nodes) return pliant_fail_memory("the gravity-mass matrices");
+    for (int32_t n = 0; n < count; n++) nodes[n] = n;
+    pliant_upsample_weights(system, system->mesh->rest, count, nodes, mass, dense);
+    pliant_free(nodes);
+    return PLIANT_OK;
 }
 
 void pliant_upsample_weights(const pliant_system *system, const double *solved, int32_t count, const int32_t *nodes, const double *weights,

@@ -350,6 +350,7 @@ pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t
 {
     double root[UNKNOWNS * UNKNOWNS];
     int32_t rank = macros->rank[element] = pliant_dense_root(unknowns, stiffness, root);
+    macros->root[element] = NULL;
     if (rank == 0) return PLIANT_OK;
     size_t count = (size_t)rank * (size_t)unknowns;
     if (!(macros->root[element] = pliant_calloc(count, sizeof **macros->root))) return pliant_fail_memory("the hexahedra");
@@ -378,16 +379,25 @@ pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_ma
     return pliant_macros_keep(macros, element, 12, k);
 }
 
-pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners)
+static pliant_status take_room(pliant_macros *macros, size_t count, size_t corners, void *(*take)(size_t count, size_t size))
 {
-    bool good = (macros->start = pliant_calloc(count + 1, sizeof *macros->start)) &&
-                (macros->node = pliant_calloc(corners, sizeof *macros->node)) && (macros->held = pliant_calloc(corners, 1)) &&
-                (macros->grounded = pliant_calloc(count, 1)) && (macros->own = pliant_calloc(count, 8 * sizeof *macros->own)) &&
-                (macros->gradient = pliant_calloc(count, 24 * sizeof *macros->gradient)) &&
-                (macros->cell = pliant_calloc(count, sizeof *macros->cell)) && (macros->shear = pliant_calloc(count, sizeof *macros->shear)) && (macros->rank = pliant_calloc(count, sizeof *macros->rank)) &&
-                (macros->root = pliant_calloc(count, sizeof *macros->root));
-    macros->count = (int32_t)count;
+    bool good = (macros->start = take(count + 1, sizeof *macros->start)) && (macros->node = take(corners, sizeof *macros->node)) &&
+                (macros->held = take(corners, 1)) && (macros->grounded = take(count, 1)) && (macros->own = take(count, 8 * sizeof *macros->own)) &&
+                (macros->gradient = take(count, 24 * sizeof *macros->gradient)) && (macros->cell = take(count, sizeof *macros->cell)) &&
+                (macros->shear = take(count, sizeof *macros->shear)) && (macros->rank = take(count, sizeof *macros->rank)) &&
+                (macros->root = take(count, sizeof *macros->root));
+    macros->count = good ? (int32_t)count : 0;
     return good ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+}
+
+pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners) { return take_room(macros, count, corners, pliant_calloc); }
+
+pliant_status pliant_macros_room(pliant_macros *macros, size_t count, size_t corners)
+{
+    pliant_status status = take_room(macros, count, corners, pliant_room);
+    macros->count = 0;
+    if (status == PLIANT_OK) macros->start[0] = 0;
+    return status;
 }
 
 int32_t pliant_macros_blocks(size_t count, size_t corners)
@@ -420,20 +430,18 @@ static int32_t find_earlier(const earlier_cubes *earlier, int32_t cell, const pl
     return same ? earlier->element[cell] - 1 : -1;
 }
 
-pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element)
+void pliant_macros_share_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element)
 {
-    const size_t count = 3 * (size_t)from->rank[was] * (size_t)(from->start[was + 1] - from->start[was]);
     macros->rank[element] = from->rank[was];
-    if (count > 0 && !(macros->root[element] = pliant_copy_of(from->root[was], count, sizeof **macros->root))) return pliant_fail_memory("the hexahedra");
-    return PLIANT_OK;
+    macros->root[element] = pliant_share(from->root[was]);
 }
 
-static pliant_status copy_hexahedron(const pliant_macros *from, int32_t was, const pliant_cube *cube, pliant_macros *macros, int32_t element)
+static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant_cube *cube, pliant_macros *macros, int32_t element)
 {
     memcpy(macros->own + 8 * (size_t)element, cube->node, sizeof cube->node);
     memcpy(macros->gradient + 24 * (size_t)element, from->gradient + 24 * (size_t)was, 24 * sizeof *macros->gradient);
     macros->shear[element] = from->shear[was];
-    return pliant_macros_copy_root(from, was, macros, element);
+    pliant_macros_share_root(from, was, macros, element);
 }
 
 /* first, next: the lists of list_tets; whole: (cells) */
@@ -454,8 +462,8 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
             if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, &cube, parity, &shape[parity]);
             known[parity] = true;
             const int32_t was = earlier ? find_earlier(earlier, cell, &cube) : -1;
-            status = was >= 0 ? copy_hexahedron(earlier->macros, was, &cube, macros, element)
-                              : pliant_macros_add_hexahedron(material, &cube, &shape[parity], macros, element);
+            if (was >= 0) copy_hexahedron(earlier->macros, was, &cube, macros, element);
+            else status = pliant_macros_add_hexahedron(material, &cube, &shape[parity], macros, element);
             memcpy(macros->node + corner, cube.node, sizeof cube.node);
             corner += CORNERS;
             macros->cell[element] = cell;

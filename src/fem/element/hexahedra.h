@@ -44,12 +44,14 @@ double pliant_cube_gradients(double x[8][3], const double at[3], double gradient
 double pliant_cube_deviatoric(const pliant_cube_shape *shape, const pliant_cube *cube, const pliant_tet_material *material, double *out);
 /* For count elements with so many corners in all. Errors: MEMORY. */
 pliant_status pliant_macros_allocate(pliant_macros *macros, size_t count, size_t corners);
+/* Room for as many, with whatever was there: none yet, and who adds one writes all of it. Errors: MEMORY. */
+pliant_status pliant_macros_room(pliant_macros *macros, size_t count, size_t corners);
 /* The blocks of lanes that they take: for forces of four corners a lane, and a rotation a lane. */
 int32_t pliant_macros_blocks(size_t count, size_t corners);
 /* The stiffness of one of them, (unknowns x unknowns). Errors: MEMORY. */
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness);
-/* That of an element of other ones, with as many corners. Errors: MEMORY. */
-pliant_status pliant_macros_copy_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element);
+/* That of an element of other ones, with as many corners: the same block. */
+void pliant_macros_share_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element);
 /* ---- hexahedra_masses.c */
 /* Consistent masses: of whole cubes what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
  * Errors: MEMORY. */

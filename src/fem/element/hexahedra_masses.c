@@ -37,8 +37,9 @@ static void list_tets(const pliant_mesh *mesh, const uint8_t *anew, uint8_t *nea
 {
     const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;
     for (int32_t n = 0; anew && n < mesh->num_nodes; n++) {
+        if (!anew[n]) continue;
         const int32_t place = mesh->lattice_of_node[n], at[3] = {place % nx, place / nx % ny, place / nx / ny};
-        for (int side = 0; anew[n] && side < 8; side++) {
+        for (int side = 0; side < 8; side++) {
             const int32_t i = at[0] - (side & 1), j = at[1] - (side >> 1 & 1), k = at[2] - (side >> 2);
             if (i >= 0 && j >= 0 && k >= 0 && i < cells[0] && j < cells[1] && k < cells[2]) near[i + cells[0] * (j + cells[1] * k)] = 1;
         }

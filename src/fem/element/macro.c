@@ -1,5 +1,6 @@
 /* Macro-elements while stepping: forces, rotations, the matrix, and how the fine nodes follow. */
 #include "base/fail.h"
+#include "base/room.h"
 #include "fem/element/macro_element.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
@@ -121,15 +122,10 @@ void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *ta
 
 /* ---- the matrix */
 
-static pliant_status list_corners(pliant_system *system)
+static void list_corners(const pliant_system *system)
 {
     const pliant_macros *macros = system->macros;
-    int32_t corners = macros->start[macros->count];
-    const size_t nodes = (size_t)system->num_free;
-    system->corner_start = pliant_calloc(nodes + 2, sizeof *system->corner_start);
-    system->corner_end = pliant_calloc(nodes, sizeof *system->corner_end);
-    system->corner = pliant_calloc((size_t)corners, sizeof *system->corner);
-    if (!system->corner_start || !system->corner_end || !system->corner) return pliant_fail_memory("the unknowns");
+    const int32_t corners = macros->start[macros->count];
     int32_t *start = system->corner_start;
     for (int pass = 0; pass < 2; pass++) {
         for (int32_t c = 0; c < corners; c++) {
@@ -140,9 +136,7 @@ static pliant_status list_corners(pliant_system *system)
         }
         for (int32_t n = 0; pass == 0 && n < system->num_free; n++) start[n + 2] += start[n + 1];
     }
-    memcpy(system->corner_end, start + 1, nodes * sizeof *start);
-    system->num_corners = start[nodes];
-    return PLIANT_OK;
+    memcpy(system->corner_end, start + 1, (size_t)system->num_free * sizeof *start);
 }
 
 static int ascending(const void *a, const void *b)
@@ -169,20 +163,32 @@ static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corne
     return count;
 }
 
-static int32_t *cubes_of_corners(const pliant_macros *macros)
+static void find_cubes_of_corners(const pliant_macros *macros)
 {
-    int32_t *cubes = pliant_calloc((size_t)macros->start[macros->count], sizeof *cubes);
-    for (int32_t cube = 0; cubes && cube < macros->count; cube++)
-        for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++) cubes[c] = cube;
-    return cubes;
+    for (int32_t cube = 0; cube < macros->count; cube++)
+        for (int32_t c = macros->start[cube]; c < macros->start[cube + 1]; c++) macros->cube_of_corner[c] = cube;
 }
 
 pliant_status pliant_macro_number(pliant_system *system)
 {
     pliant_macros *macros = system->macros;
-    pliant_status status = list_corners(system);
-    if (status == PLIANT_OK && !macros->cube_of_corner && !(macros->cube_of_corner = cubes_of_corners(macros))) status = pliant_fail_memory("the unknowns");
-    return status;
+    const size_t corners = (size_t)macros->start[macros->count], nodes = (size_t)system->num_free;
+    const bool known = macros->cube_of_corner != NULL;
+    const int threads = system->num_threads < 2 ? system->num_threads : 2;
+    system->corner_start = pliant_calloc(nodes + 2, sizeof *system->corner_start);
+    system->corner_end = pliant_room(nodes, sizeof *system->corner_end);
+    system->corner = pliant_room(corners, sizeof *system->corner);
+    if (!known) macros->cube_of_corner = pliant_room(corners, sizeof *macros->cube_of_corner);
+    if (!system->corner_start || !system->corner_end || !system->corner || !macros->cube_of_corner) return pliant_fail_memory("the unknowns");
+#pragma omp parallel sections num_threads(threads)
+    {
+#pragma omp section
+        list_corners(system);
+#pragma omp section
+        if (!known) find_cubes_of_corners(macros);
+    }
+    system->num_corners = system->corner_start[nodes];
+    return PLIANT_OK;
 }
 
 pliant_status pliant_macro_find_pattern(pliant_system *system)

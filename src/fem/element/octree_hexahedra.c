@@ -242,7 +242,8 @@ static pliant_status add_leaf(leaves *work, int32_t leaf, const pliant_tet_mater
     if (was >= 0) {
         memcpy(gradient, work->earlier->gradient + UNKNOWNS * (size_t)was, UNKNOWNS * sizeof *gradient);
         macros->shear[element] = work->earlier->shear[was];
-        return pliant_macros_copy_root(work->earlier, was, macros, element);
+        pliant_macros_share_root(work->earlier, was, macros, element);
+        return PLIANT_OK;
     }
     condense(work, leaf, material, c, &macros->shear[element], gradient, k);
     return pliant_macros_keep(macros, element, UNKNOWNS, k);

@@ -41,10 +41,9 @@ static pliant_status allocate(const pliant_macros *whole, size_t count, size_t c
     return good ? PLIANT_OK : no_memory();
 }
 
-static pliant_status take_macro(const pliant_macros *whole, int32_t from, const int32_t *place, pliant_macros *out)
+static void take_macro(const pliant_macros *whole, int32_t from, const int32_t *place, pliant_macros *out)
 {
     const int32_t e = out->count, first = whole->start[from], corners = whole->start[from + 1] - first, begin = out->start[e];
-    const size_t values = 3 * (size_t)whole->rank[from] * (size_t)corners;
     for (int32_t c = 0; c < corners; c++) out->node[begin + c] = place[whole->node[first + c]];
     memcpy(out->held + begin, whole->held + first, (size_t)corners);
     for (int v = 0; v < 8; v++) out->own[8 * (size_t)e + (size_t)v] = whole->own[8 * (size_t)from + (size_t)v] < 0 ? -1 : place[whole->own[8 * (size_t)from + (size_t)v]];
@@ -52,9 +51,8 @@ static pliant_status take_macro(const pliant_macros *whole, int32_t from, const 
     out->grounded[e] = whole->grounded[from];
     if (whole->shear) out->shear[e] = whole->shear[from];
     out->start[e + 1] = begin + corners;
-    out->rank[e] = whole->rank[from];
+    pliant_macros_share_root(whole, from, out, e);
     out->count++;
-    return values == 0 || (out->root[e] = pliant_copy_of(whole->root[from], values, sizeof **out->root)) ? PLIANT_OK : no_memory();
 }
 
 static pliant_status take_macros(const pliant_system *whole, int32_t count, const int32_t *element, const int32_t *place, pliant_mesh *mesh, pliant_system *out)
@@ -64,7 +62,7 @@ static pliant_status take_macros(const pliant_system *whole, int32_t count, cons
     for (int32_t e = 0; e < count; e++) corners += (size_t)(from->start[element[e] + 1] - from->start[element[e]]);
     if (!(out->macros = pliant_calloc(1, sizeof *out->macros))) return no_memory();
     pliant_status status = allocate(from, (size_t)count, corners, out->macros);
-    for (int32_t e = 0; status == PLIANT_OK && e < count; e++) status = take_macro(from, element[e], place, out->macros);
+    for (int32_t e = 0; status == PLIANT_OK && e < count; e++) take_macro(from, element[e], place, out->macros);
     if (status == PLIANT_OK && !(out->macros->rest = pliant_copy_of(mesh->rest, (size_t)mesh->num_nodes, 3 * sizeof *mesh->rest))) status = no_memory();
     out->num_blocks = pliant_macros_blocks((size_t)count, corners);
     return status;
