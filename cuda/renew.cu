@@ -166,7 +166,8 @@ extern "C" pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const
     const gpu_renewal *renewal = gpu->renewal;
     if (renewal && renewal->running && pliant_background_arrives(solver->background, solver->takes_factor, renewal->finished, statistics->step >= renewal->due))
         CUDA_TRY(deliver(gpu, solver, statistics, renewed));
-    const bool wanted = gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.served_badly);
+    const bool again = gpu->fresh; /* nodes were put back: what serves badly has only begun to be of use, and the next one of the state would wait for one of rest */
+    const bool wanted = gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.served_badly && !again);
     return wanted && !(renewal && renewal->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
 }
 
