@@ -88,13 +88,12 @@ static pliant_status find_solid(pliant_outside *outside, const pliant_body *load
     return good ? PLIANT_OK : no_memory();
 }
 
-/* The part of tissue around a point, linear between voxels. */
-static double tissue_at(const pliant_outside_voxels *voxels, const double at[3])
+/* The part of tissue around a point, linear between voxels. origin: the middle of the first one */
+static double tissue_at(const pliant_outside_voxels *voxels, const double origin[3], const double at[3])
 {
     const pliant_geometry *geometry = voxels->geometry;
-    double index[3], sum = 0, origin[3];
+    double index[3], sum = 0;
     int64_t low[3];
-    pliant_geometry_to_world(geometry, (const double[3]){0, 0, 0}, origin);
     for (int axis = 0; axis < 3; axis++) {
         index[axis] = 0;
         for (int d = 0; d < 3; d++) index[axis] += geometry->direction[3 * d + axis] * (at[d] - origin[d]) / geometry->spacing[axis];
@@ -119,11 +118,12 @@ static double tissue_at(const pliant_outside_voxels *voxels, const double at[3])
 static double way_to_tissue(const pliant_outside_voxels *voxels, const double at[3], const double normal[3], double reach)
 {
     const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
-    double before = 0;
+    double before = 0, origin[3];
+    pliant_geometry_to_world(voxels->geometry, (const double[3]){0, 0, 0}, origin);
     for (double way = reach; way >= -reach; way -= stride) {
         double there[3];
         for (int d = 0; d < 3; d++) there[d] = at[d] + way * normal[d];
-        const double tissue = tissue_at(voxels, there);
+        const double tissue = tissue_at(voxels, origin, there);
         if (tissue >= half) return way == reach ? reach : way + stride * (tissue - half) / (tissue - before);
         before = tissue;
     }
@@ -158,12 +158,12 @@ static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t 
     return normal;
 }
 
-static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels)
+/* triangles: (count x 3) of the body at load */
+static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
     const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
-    int32_t count = 0, *triangles = triangles_of(voxels->load, outside->solid_at_load, &count);
-    double *normal = triangles ? normals_of(mesh, count, triangles) : NULL;
+    double *normal = normals_of(mesh, count, triangles);
     uint8_t *parted = normal ? parted_by(voxels->load) : NULL;
     outside->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->tet_at_load);
     outside->share = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->share);
@@ -180,7 +180,6 @@ static pliant_status find_corners(pliant_outside *outside, const pliant_outside_
     }
     pliant_free(parted);
     pliant_free(normal);
-    pliant_free(triangles);
     return good ? PLIANT_OK : no_memory();
 }
 
@@ -195,16 +194,28 @@ static void find_tets(pliant_outside *outside, const pliant_body *body)
         if (outside->tet[mesh->tets[v]] == body->tet_parent[v / 4]) outside->tet[mesh->tets[v]] = v / 4;
 }
 
+/* What all bodies have of that at load. out: (count x 3) its triangles, Nullable. */
+static pliant_status find_load(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t *count, int32_t **out)
+{
+    pliant_status status = find_solid(outside, voxels->load);
+    if (status == PLIANT_OK && !(*out = triangles_of(voxels->load, outside->solid_at_load, count))) status = no_memory();
+    if (status == PLIANT_OK) status = find_corners(outside, voxels, *count, *out);
+    if (status == PLIANT_OK) return PLIANT_OK;
+    free_load(outside);
+    pliant_free(*out);
+    return status;
+}
+
 pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels, const pliant_body *body)
 {
     pliant_status status = PLIANT_OK;
+    int32_t count = 0, *triangles = NULL;
     if (outside->revision == body->revision) return PLIANT_OK;
-    if (!outside->share) {
-        status = find_solid(outside, voxels->load);
-        if (status == PLIANT_OK) status = find_corners(outside, voxels);
-        if (status != PLIANT_OK) free_load(outside);
+    if (!outside->share && (status = find_load(outside, voxels, &count, &triangles)) != PLIANT_OK) return status;
+    if (body->revision != voxels->load->revision) {
+        pliant_free(triangles);
+        triangles = NULL;
     }
-    if (status != PLIANT_OK) return status;
     free_body(outside);
     outside->view = *body;
     outside->view.num_triangles = 0;
@@ -213,13 +224,15 @@ pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outs
     outside->positions = pliant_calloc(3 * (size_t)body->fine.num_nodes, sizeof *outside->positions);
     if (!outside->solid || !outside->tet || !outside->positions) status = no_memory();
     for (int32_t t = 0; status == PLIANT_OK && t < body->fine.num_tets; t++) outside->solid[t] = outside->solid_at_load[body->tet_parent ? body->tet_parent[t] : t];
-    if (status == PLIANT_OK && !(outside->triangles = triangles_of(body, outside->solid, &outside->view.num_triangles))) status = no_memory();
+    if (status == PLIANT_OK && !triangles && !(triangles = triangles_of(body, outside->solid, &count))) status = no_memory();
+    outside->triangles = triangles;
     if (status != PLIANT_OK) {
         free_body(outside);
         return status;
     }
     find_tets(outside, body);
-    outside->view.triangles = outside->triangles;
+    outside->view.triangles = triangles;
+    outside->view.num_triangles = count;
     outside->revision = body->revision;
     return PLIANT_OK;
 }
@@ -239,11 +252,10 @@ void pliant_outside_place(pliant_outside *outside, const double *positions)
         if (outside->tet[n] < 0) continue;
         const int32_t *corner = mesh->tets + 4 * (size_t)outside->tet[n];
         const double *share = share_of(outside, n);
-        double *at = outside->positions + 3 * (size_t)n;
-        for (int d = 0; d < 3; d++) {
-            at[d] = 0;
-            for (int v = 0; v < 4; v++) at[d] += share[v] * positions[3 * (size_t)corner[v] + (size_t)d];
-        }
+        double at[3] = {0, 0, 0};
+        for (int v = 0; v < 4; v++)
+            for (int d = 0; d < 3; d++) at[d] += share[v] * positions[3 * (size_t)corner[v] + (size_t)d];
+        memcpy(outside->positions + 3 * (size_t)n, at, sizeof at);
     }
 }
 

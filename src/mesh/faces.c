@@ -41,11 +41,12 @@ typedef struct listed_face {
 static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *faces, int32_t count, int32_t smallest, int32_t *neighbours)
 {
     for (int32_t a = 0; a < count; a++)
-        for (int32_t b = 0; b < count; b++) {
-            if (faces[b].second != faces[a].second || faces[b].third != faces[a].third || b == a) continue;
+        for (int32_t b = a + 1; b < count; b++) {
+            if (faces[b].second != faces[a].second || faces[b].third != faces[a].third) continue;
             const int32_t one = faces[a].face, other = faces[b].face;
             if (runs_up(mesh->tets + 4 * (one / 4), one % 4) != runs_up(mesh->tets + 4 * (other / 4), other % 4)) {
                 if (neighbours[one] < 0) neighbours[one] = other / 4;
+                if (neighbours[other] < 0) neighbours[other] = one / 4;
             } else if (!fragments_of_one(mesh, one, other)) {
                 return pliant_fail(PLIANT_ERROR_FORMAT, "tetrahedra %d and %d are on one side of the face %d %d %d", one / 4, other / 4, smallest,
                                    faces[a].second, faces[a].third);
