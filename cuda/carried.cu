@@ -10,6 +10,8 @@
 enum { THREADS = 128, ENTRIES = 36, MACRO_ENTRIES = 72, WARP = 32, COLUMNS = 32, GROUPS = 8 };
 /* sweeps that a frame has the time for: beyond, a preconditioner made anew is no slower */
 enum { MOST_SWEEPS = 32, MOST_TILES = 72 };
+/* what is cut off but for a hinge: of a diagonal's number before the sweeps */
+static constexpr double hinge = 1e-6;
 
 enum { SOURCE, TAKER_START, TAKER, NEAR, PLACE, ANSWER, FOUND, PULL, RIGHT, LEFT, WHOLE };
 
@@ -194,7 +196,7 @@ static pliant_status invert(const gpu_system *gpu, int32_t pivots, int32_t tiles
     CUDA_TRY(CUDA_LAUNCHED("assemble_kernel"));
     pad_kernel<<<1, SWEEP, 0, stream>>>(matrix);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
-    CUDA_TRY(pliant_cuda_sweep(sweep, matrix.whole, pivots, tiles, stream));
+    CUDA_TRY(pliant_cuda_sweep(sweep, matrix.whole, hinge, pivots, tiles, stream));
     narrow_kernel<<<rows, THREADS, 0, stream>>>(*carried, matrix);
     return CUDA_LAUNCHED("narrow_kernel");
 }

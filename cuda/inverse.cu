@@ -51,11 +51,20 @@ static __global__ void narrow_kernel(const double *sweep, float *tiles)
     }
 }
 
-struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; };
+static __global__ void diagonal_kernel(const double *tiles, int padded, double *out)
+{
+    const int n = (int)(blockIdx.x * blockDim.x + threadIdx.x), tile = n / SWEEP, place = n % SWEEP;
+    if (n < padded) out[n] = tiles[SWEEP_TILE * triangle((size_t)tile, (size_t)tile) + SWEEP * place + place];
+}
+
+/* of a diagonal's number, far more than rounding leaves in place of nothing */
+static constexpr double nothing = 1e-10;
+
+struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; double *d_whole; };
 
 static void workspace_free(workspace *work)
 {
-    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_room, work->sweep.d_failed, work->d_start, work->d_row, work->d_values};
+    void *blocks[] = {work->sweep.d_tiles, work->sweep.d_room, work->sweep.d_failed, work->d_start, work->d_row, work->d_values, work->d_whole};
     for (void *block : blocks) pliant_cuda_release(block);
 }
 
@@ -69,7 +78,7 @@ static pliant_status find_failed(const gpu_sweep *sweep, cudaStream_t stream)
     return PLIANT_OK;
 }
 
-static pliant_status invert(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, workspace *work, gpu_inverse *out)
+static pliant_status invert(const pliant_pattern *pattern, const double *h_values, bool holds, cudaStream_t stream, workspace *work, gpu_inverse *out)
 {
     const int padded = out->tiles * TILE, sweeps = padded / SWEEP;
     const size_t bytes = pliant_cuda_sweep_bytes(sweeps);
@@ -88,7 +97,12 @@ static pliant_status invert(const pliant_pattern *pattern, const double *h_value
     CUDA_TRY(CUDA_LAUNCHED("scatter_kernel"));
     pad_kernel<<<1, TILE, 0, stream>>>(sweep->d_tiles, out->size, padded);
     CUDA_TRY(CUDA_LAUNCHED("pad_kernel"));
-    CUDA_TRY(pliant_cuda_sweep(sweep, nullptr, sweeps, sweeps, stream));
+    if (holds) {
+        CUDA_TRY(pliant_cuda_allocate((size_t)padded * sizeof *work->d_whole, "the inverse", reinterpret_cast<void **>(&work->d_whole)));
+        diagonal_kernel<<<(unsigned)((padded + THREADS - 1) / THREADS), THREADS, 0, stream>>>(sweep->d_tiles, padded, work->d_whole);
+        CUDA_TRY(CUDA_LAUNCHED("diagonal_kernel"));
+    }
+    CUDA_TRY(pliant_cuda_sweep(sweep, work->d_whole, nothing, sweeps, sweeps, stream));
     CUDA_TRY(find_failed(sweep, stream));
     narrow_kernel<<<dim3((unsigned)out->tiles, (unsigned)out->tiles), THREADS, 0, stream>>>(sweep->d_tiles, out->d_tiles);
     CUDA_TRY(CUDA_LAUNCHED("narrow_kernel"));
@@ -104,7 +118,7 @@ extern "C" size_t pliant_cuda_inverse_room(int32_t size, size_t *kept)
     return *kept + pliant_cuda_sweep_bytes((int32_t)(padded / SWEEP)) + pliant_cuda_sweep_room((int32_t)(padded / SWEEP));
 }
 
-extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, gpu_inverse *out)
+extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds, cudaStream_t stream, gpu_inverse *out)
 {
     gpu_inverse made = {};
     workspace work = {};
@@ -114,7 +128,7 @@ extern "C" pliant_status pliant_cuda_inverse_create(const pliant_pattern *patter
     pliant_status status = pliant_cuda_allocate(triangle(tiles, 0) * TILE * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_tiles));
     if (status == PLIANT_OK)
         status = pliant_cuda_allocate(tiles * tiles * TILE * sizeof(float), "the inverse", reinterpret_cast<void **>(&made.d_parts));
-    if (status == PLIANT_OK) status = invert(pattern, h_values, stream, &work, &made);
+    if (status == PLIANT_OK) status = invert(pattern, h_values, holds, stream, &work, &made);
     workspace_free(&work);
     if (status != PLIANT_OK) {
         pliant_cuda_inverse_free(&made);

@@ -21,9 +21,9 @@ typedef struct gpu_sweep {
 size_t pliant_cuda_sweep_bytes(int32_t tiles);
 size_t pliant_cuda_sweep_room(int32_t tiles);
 /* Enqueue sweeps over the unknowns p of the first `pivots` of so many tiles along each side, in place: A_pp becomes -A_pp^-1, A_op becomes
- * A_op A_pp^-1; columns beyond are not used. d_whole: Nullable: (SWEEP pivots) the diagonal: where next to nothing is left of it, an unknown
- * is held by as much, in place of a failure. */
-pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, int32_t pivots, int32_t tiles, cudaStream_t stream);
+ * A_op A_pp^-1; columns beyond are not used. d_whole: Nullable: (SWEEP pivots) the diagonal: where no more than a share is left of it, an
+ * unknown is held by as much, in place of a failure. */
+pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double share, int32_t pivots, int32_t tiles, cudaStream_t stream);
 
 typedef struct gpu_inverse {
     int32_t size, tiles;  /* unknowns; tiles along each side */
@@ -35,8 +35,9 @@ typedef struct gpu_inverse {
 int32_t pliant_cuda_inverse_padded(int32_t size);
 /* Bytes that making it takes at most, and that it keeps. */
 size_t pliant_cuda_inverse_room(int32_t size, size_t *kept);
-/* h_values: of the pattern (pliant_system_assemble). Errors: MEMORY, NUMERIC (not positive definite), UNAVAILABLE. */
-pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, cudaStream_t stream, gpu_inverse *out);
+/* h_values: of the pattern (pliant_system_assemble). holds: what moves without force is held: of a level above fragments, where several unknowns may stand for what
+ * moves few nodes. Errors: MEMORY, NUMERIC (not positive definite; not where it holds), UNAVAILABLE. */
+pliant_status pliant_cuda_inverse_create(const pliant_pattern *pattern, const double *h_values, bool holds, cudaStream_t stream, gpu_inverse *out);
 void pliant_cuda_inverse_free(gpu_inverse *inverse);
 
 /* d_left = inverse * d_right, both padded, the padding of d_right 0. d_skip: Nullable; nothing is done where it is not 0. */

@@ -4,6 +4,8 @@
 #include "multigrid.h"
 #include "pliant/memory.h"
 
+#include <initializer_list>
+
 enum { THREADS = 128, LANES_PER_NODE = 8, NODES = THREADS / LANES_PER_NODE };
 
 /* Chebyshev steps on the upper part of the spectrum, two before and two after, as on the CPU */
@@ -106,7 +108,7 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
     const pliant_pattern *pattern = &hierarchy->level[last].system.pattern;
     const size_t padded = (size_t)pliant_cuda_inverse_padded(3 * pattern->num_columns);
     size_t kept;
-    CUDA_TRY(pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), stream, &multigrid->inverse));
+    CUDA_TRY(pliant_cuda_inverse_create(pattern, pliant_multigrid_coarsest(numbers), true, stream, &multigrid->inverse));
     pliant_cuda_inverse_room(multigrid->inverse.size, &kept);
     multigrid->bytes += kept;
     CUDA_TRY(room(multigrid, padded, stream, &multigrid->level[last].d_right));
@@ -129,18 +131,26 @@ static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *syst
     return status;
 }
 
+/* On fragments where cuts have gone; where these are too many for the dense level, as before the cuts. *out: NULL: too many as well */
+static pliant_status find_levels(const pliant_system *system, int32_t largest, pliant_hierarchy **out)
+{
+    for (bool fragments : {true, false}) {
+        CUDA_TRY(pliant_hierarchy_create(system, fragments, largest, out));
+        if (!*out || (*out)->level[(*out)->num_levels - 1].system.num_free <= largest) return PLIANT_OK;
+        pliant_hierarchy_free(*out);
+        *out = nullptr;
+    }
+    return PLIANT_OK;
+}
+
 extern "C" pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out)
 {
     pliant_hierarchy *hierarchy = nullptr;
-    CUDA_TRY(pliant_hierarchy_create(system, false, largest, &hierarchy));
     *out = nullptr;
+    CUDA_TRY(find_levels(system, largest, &hierarchy));
     if (!hierarchy) return PLIANT_OK;
-    gpu_multigrid *multigrid = nullptr;
-    pliant_status status = PLIANT_OK;
-    if (hierarchy->level[hierarchy->num_levels - 1].system.num_free <= largest) {
-        multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
-        status = multigrid ? fill_at(multigrid, system, x, twist, hierarchy, stream) : pliant_fail_memory("the multigrid");
-    }
+    gpu_multigrid *multigrid = static_cast<gpu_multigrid *>(pliant_calloc(1, sizeof *multigrid));
+    pliant_status status = multigrid ? fill_at(multigrid, system, x, twist, hierarchy, stream) : pliant_fail_memory("the multigrid");
     pliant_hierarchy_free(hierarchy);
     if (status != PLIANT_OK) {
         pliant_cuda_multigrid_free(multigrid);

@@ -53,7 +53,7 @@ static pliant_status create_inverse(const pliant_system *system, const gpu_state
         pliant_system_tangents(system, at ? at->x : system->mesh->rest, twist, h_tangents);
         pliant_system_assemble(system, h_tangents, h_values);
         if (at) turn_back(&system->pattern, at->axes, h_values);
-        status = pliant_cuda_inverse_create(&system->pattern, h_values, stream, &out->inverse);
+        status = pliant_cuda_inverse_create(&system->pattern, h_values, false, stream, &out->inverse);
         pliant_cuda_inverse_room(3 * system->num_free, &out->bytes);
     }
     pliant_free(h_values);

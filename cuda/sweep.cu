@@ -3,13 +3,10 @@
 
 enum { THREADS = 256 };
 
-/* of a diagonal's number before the sweeps */
-static constexpr double smallest_share = 1e-6;
-
 /* ---- symmetric sweep of SWEEP unknowns at a time: after all of them the tiles hold minus the inverse
  * P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
 
-static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, const double *whole, double *pivot, int *failed)
+static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, const double *whole, double share, double *pivot, int *failed)
 {
     __shared__ double a[SWEEP][SWEEP], row[SWEEP], column[SWEEP];
     for (int n = (int)threadIdx.x; n < SWEEP_TILE; n += THREADS) a[n / SWEEP][n % SWEEP] = tile[n];
@@ -21,7 +18,7 @@ static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, con
         }
         __syncthreads();
         double d = row[p];
-        if (whole && !(d > smallest_share * whole[p])) { /* what is cut off but for a hinge */
+        if (whole && !(d > share * whole[p])) {
             d = whole[p] > 0 ? whole[p] : 1;
         } else if (!(d > 0)) {
             if (threadIdx.x == 0) *failed = 1;
@@ -104,11 +101,11 @@ static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, i
 extern "C" size_t pliant_cuda_sweep_bytes(int32_t tiles) { return triangle((size_t)tiles, 0) * SWEEP_TILE * sizeof(double); }
 extern "C" size_t pliant_cuda_sweep_room(int32_t tiles) { return (2 * (size_t)tiles + 1) * SWEEP_TILE * sizeof(double); }
 
-extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, int32_t pivots, int32_t tiles, cudaStream_t stream)
+extern "C" pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, double share, int32_t pivots, int32_t tiles, cudaStream_t stream)
 {
     double *d_old = sweep->d_room, *d_panel = d_old + (size_t)SWEEP_TILE * (size_t)tiles, *d_pivot = d_panel + (size_t)SWEEP_TILE * (size_t)tiles;
     for (int k = 0; k < pivots; k++) {
-        pivot_kernel<<<1, THREADS, 0, stream>>>(sweep->d_tiles + SWEEP_TILE * triangle((size_t)k, (size_t)k), d_whole ? d_whole + SWEEP * k : nullptr, d_pivot,
+        pivot_kernel<<<1, THREADS, 0, stream>>>(sweep->d_tiles + SWEEP_TILE * triangle((size_t)k, (size_t)k), d_whole ? d_whole + SWEEP * k : nullptr, share, d_pivot,
                                                 sweep->d_failed);
         copy_panel_kernel<<<(unsigned)tiles, THREADS, 0, stream>>>(sweep->d_tiles, k, d_old);
         panel_kernel<<<(unsigned)tiles, THREADS, 0, stream>>>(sweep->d_tiles, k, d_pivot, d_old, d_panel);

@@ -278,6 +278,51 @@ TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
     }
 }
 
+/* A beam, clamped at one end, that a slanted plane cuts half through or to a hinge: the V-cycle of what is left, once it is there, takes not many more evaluations to come to
+ * rest under another load than before the cut, and than the CPU's. */
+TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
+{
+    NEEDS_GPU();
+    const int few[3] = {32, 16, 16};
+    const double beam[3] = {0.16, 0.08, 0.08};
+    for (pliant_element_kind element : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
+        for (double deep : {0.045, 0.065}) {
+            SCOPED_TRACE(std::to_string(element) + " " + std::to_string(deep));
+            int taken[2][2] = {{0, 0}, {0, 0}}; // before and after, of CPU and GPU
+            std::unique_ptr<Body> bodies[2];
+            for (int g = 0; g < 2; g++) {
+                bodies[g].reset(new Body(few, beam, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
+                Body &body = *bodies[g];
+                set(body, {PLIANT_FINE, PLIANT_COROTATIONAL, PLIANT_MULTIGRID, element}, g ? PLIANT_CUDA : PLIANT_CPU);
+                body.scene.fixed.num_planes = 0;
+                body.fix_plane(1e-6, 0, 0, 1, 0, 0);
+                body.cells(16, 8, 8, 1);
+                body.scene.solver.refresh_delay = 1;
+                body.scene.model.gravity[2] = 0;
+                ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+                auto load = [&](double pull) {
+                    const double gravity[3] = {0, 0, pull};
+                    int evaluations = 0;
+                    EXPECT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
+                    for (int s = 0; s < 20 && pliant_step(body.model, body.data) == PLIANT_NOT_CONVERGED; s++) evaluations += body.data->statistics.iterations;
+                    return evaluations + body.data->statistics.iterations;
+                };
+                for (double pull : {-0.3, 0.2, -0.4}) taken[0][g] += load(deep > 0.05 ? 0.1 * pull : pull);
+                const double points[6] = {0.045, -0.02, 0.2, 0.06, 0.1, 0.2}, way[3] = {0.3 * (0.12 + deep), 0, -0.12 - deep};
+                ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
+                const uint64_t before = body.data->statistics.factors;
+                for (int s = 0; s < 20 && body.data->statistics.factors == before; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+                ASSERT_GT(body.data->statistics.factors, before);
+                for (double pull : {-0.3, 0.2, -0.4}) taken[1][g] += load(deep > 0.05 ? 0.1 * pull : pull);
+                ASSERT_STREQ(pliant_data_get_backend(body.data), g ? "cuda" : "cpu") << pliant_last_error();
+            }
+            EXPECT_LT(farthest(*bodies[0], *bodies[1]), 1e-5 * beam[0]);
+            std::printf("%s, cut %.0f mm deep: evaluations under three loads before the cut %d, after it %d on the CPU, %d and %d on the GPU\n", element == PLIANT_LINEAR ? "tetrahedra" : "hexahedra",
+                        1e3 * deep, taken[0][0], taken[1][0], taken[0][1], taken[1][1]);
+            EXPECT_LT(taken[1][1], 1.8 * taken[1][0] + 10); // with the cut still closed on the levels above up to 2.5 times
+        }
+}
+
 // A bar of 16 cubes leans over under its weight; a cut half through lets it down further than what Newton's step is trusted with, and is undone; then its
 // upper half comes off. For compute-sanitizer: every kernel that what is cut has for itself, in little time.
 TEST(CudaCut, EveryKernelOnce)
