@@ -214,6 +214,25 @@ struct Sheet : Body {
     const double radius = 0.0005;
 };
 
+// What a block is pressed and cut by, on a GPU.
+inline void touch_once(const Case &of)
+{
+    SCOPED_TRACE(of.name);
+    Block body(of, PLIANT_CUDA, true);
+    body.scene.cut.kind = PLIANT_CUT_SEVER;
+    body.scene.solver.iterations = 3;
+    ASSERT_EQ(body.begin(), PLIANT_OK) << pliant_last_error();
+    for (int s = of.slot ? 4 : 2; s <= (of.slot ? 6 : 3); s++) ASSERT_GE(body.step(s), 0) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+    EXPECT_GT(body.data->statistics.contacts, of.slot ? 0 : 3);
+    if (of.slot) return;
+    const double points[6] = {0.031, -0.01, 0.03, 0.033, 0.05, 0.03}, depth[3] = {0.001, 0, -0.019}; // columns of what is carried over
+    ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    ASSERT_GE(body.step(4), 0) << pliant_last_error();
+    EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
+    EXPECT_GT(body.data->statistics.contacts, 3);
+}
+
 } // namespace cuda_contacts
 
 #endif
