@@ -246,11 +246,12 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
         pliant_writes(next->fine_material, (size_t)tet, 1, sizeof *division->material);
     }
     body_faces other = {false, 0, 0, NULL};
-    const bool pieces = body->pieces || !division->same_pieces; /* may get nodes of their own */
+    const bool pieces = body->pieces || !division->same_pieces;
+    bool copies = false; /* some may have got nodes of their own */
     status = list_touched(body, division, !division->changed, next);
     if (status == PLIANT_OK) status = pliant_body_find_across(body, division->cuts, next, &other);
-    if (status == PLIANT_OK && pieces) status = pliant_body_find_pieces(next, division);
-    if (status == PLIANT_OK && pieces) {
+    if (status == PLIANT_OK && pieces) status = pliant_body_find_pieces(next, division, &copies);
+    if (status == PLIANT_OK && copies) {
         pliant_free(next->changes.touched);
         next->changes.touched = NULL;
         status = list_touched(body, division, true, next);

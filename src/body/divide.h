@@ -39,8 +39,9 @@ pliant_status pliant_subdivision_copy(const pliant_subdivision *from, int32_t no
 pliant_status pliant_subdivision_append(pliant_subdivision *subdivision, int32_t nodes, int32_t appended, const int32_t *source);
 
 /* ---- pieces.c */
-/* Lists what nothing holds any more in next, of which the topology is there; fixes its nodes, and gives it copies of those that it hangs on. */
-pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division);
+/* Lists what nothing holds any more in next, of which the topology is there; fixes its nodes, and gives it copies of those that it hangs on.
+ * next->changes: lists all but that. anew: out, whether anything may have got such copies */
+pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *anew);
 pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **out);
 void pliant_pieces_free(pliant_pieces *pieces); /* Nullable */
 

@@ -213,6 +213,50 @@ static void fix_nodes(pliant_body *next, const int32_t *part)
     if (!moves && lightest >= 0) next->fine_fixed[lightest] = PLIANT_MOVES;
 }
 
+/* Whether pieces are in the nodes that they were in before: a cut leaves in one what it touches, and that has none of their nodes. of: as take_before says */
+static bool stay(const search *work, const pliant_division *division, const int32_t *of)
+{
+    const pliant_body *next = work->next;
+    const pliant_body_changes *changes = &next->changes;
+    const int32_t listed = changes->num_touched, tets = next->fine.num_tets;
+    for (int32_t i = 0; i < listed + tets - changes->tets_before; i++) {
+        const int32_t tet = i < listed ? changes->touched[i] : changes->tets_before + i - listed;
+        for (int v = 0; v < 4; v++) {
+            const int32_t node = next->fine.tets[4 * (size_t)tet + (size_t)v];
+            if (of[node < changes->nodes_before ? node : changes->node_source[node - changes->nodes_before]] >= 0) return false;
+        }
+    }
+    return division->same_pieces;
+}
+
+/* Those of before, which share no node with anything else: of (nodes) the first node of each node's piece, -1 elsewhere */
+static void take_before(const pliant_body *next, int32_t *of)
+{
+    const pliant_pieces *pieces = next->pieces;
+    memset(of, 0xff, (size_t)next->fine.num_nodes * sizeof *of);
+    for (int32_t p = 0; p < pieces->count; p++)
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) of[pieces->node[i]] = pieces->node[pieces->start[p]];
+}
+
+/* What hangs where, after a cut that has come near no piece. *done: false where it has, or may have, and nothing is done */
+static pliant_status find_again(search *work, const pliant_division *division, bool *done)
+{
+    pliant_body *next = work->next;
+    *done = false;
+    if (!next->pieces || next->has_inertia || !division->same_pieces) return PLIANT_OK;
+    int32_t *part = pliant_room((size_t)next->fine.num_nodes, sizeof *part);
+    if (!part) return pliant_fail_memory("the pieces of the body");
+    pliant_status status = PLIANT_OK;
+    take_before(next, part);
+    if ((*done = stay(work, division, part))) {
+        forget_before(work);
+        status = list_pieces(work, part);
+        if (status == PLIANT_OK) fix_nodes(next, part);
+    }
+    pliant_free(part);
+    return status;
+}
+
 static pliant_status find(search *work)
 {
     pliant_body *next = work->next;
@@ -232,19 +276,26 @@ static pliant_status find(search *work)
     return status;
 }
 
-pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division)
+static pliant_status find_anew(search *work)
 {
-    const size_t nodes = (size_t)next->fine.num_nodes, tets = (size_t)next->fine.num_tets;
-    search work = {.next = next};
-    work.fixed = pliant_calloc(nodes, 1);
-    work.loose = pliant_calloc(tets, 1);
-    work.in_loose = pliant_calloc(nodes, 1);
-    work.in_firm = pliant_calloc(nodes, 1);
-    work.copy = pliant_calloc(nodes, sizeof *work.copy);
-    work.hinge = pliant_calloc(nodes, sizeof *work.hinge);
-    bool good = work.fixed && work.loose && work.in_loose && work.in_firm && work.copy && work.hinge;
-    pliant_status status = good ? take_joints(&work, division) : pliant_fail_memory("the pieces of the body");
-    if (status == PLIANT_OK) status = find(&work);
+    const size_t nodes = (size_t)work->next->fine.num_nodes, tets = (size_t)work->next->fine.num_tets;
+    work->loose = pliant_calloc(tets, 1);
+    work->in_loose = pliant_calloc(nodes, 1);
+    work->in_firm = pliant_calloc(nodes, 1);
+    work->copy = pliant_calloc(nodes, sizeof *work->copy);
+    work->hinge = pliant_calloc(nodes, sizeof *work->hinge);
+    const bool good = work->loose && work->in_loose && work->in_firm && work->copy && work->hinge;
+    return good ? find(work) : pliant_fail_memory("the pieces of the body");
+}
+
+pliant_status pliant_body_find_pieces(pliant_body *next, const pliant_division *division, bool *anew)
+{
+    search work = {.next = next, .fixed = pliant_calloc((size_t)next->fine.num_nodes, 1)};
+    bool done = false;
+    pliant_status status = work.fixed ? take_joints(&work, division) : pliant_fail_memory("the pieces of the body");
+    if (status == PLIANT_OK) status = find_again(&work, division, &done);
+    if (status == PLIANT_OK && !done) status = find_anew(&work);
+    *anew = !done;
     void *blocks[] = {work.joint, work.fixed, work.loose, work.in_loose, work.in_firm, work.copy, work.hinge};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     return status;

@@ -130,7 +130,7 @@ static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, 
 typedef struct footing {
     int count;
     const double *point[3];
-    bool firm;
+    bool firm, fresh;   /* since this sweep */
     int32_t tets;
 } footing;
 
@@ -158,13 +158,18 @@ static void stand_on(footing *foot, const double *point, double length)
 static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, footing *feet, int32_t pieces)
 {
     double length = mesh->cell_size[0] + mesh->cell_size[1] + mesh->cell_size[2];
-    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
-        if (firm_node[mesh->tets[v]]) stand_on(feet + piece[v / 4], mesh->rest + 3 * mesh->tets[v], length);
+    for (int32_t t = 0; t < mesh->num_tets; t++)
+        for (int v = 0; feet[piece[t]].count < 3 && v < 4; v++) {
+            const int32_t node = mesh->tets[4 * (size_t)t + (size_t)v];
+            if (firm_node[node]) stand_on(feet + piece[t], mesh->rest + 3 * (size_t)node, length);
+        }
     bool changed = false;
-    for (int32_t p = 0; p < pieces; p++)
-        if (!feet[p].firm && feet[p].count == 3) changed = feet[p].firm = true;
-    for (int32_t v = 0; v < 4 * mesh->num_tets; v++)
-        if (feet[piece[v / 4]].firm) firm_node[mesh->tets[v]] = 1;
+    for (int32_t p = 0; p < pieces; p++) {
+        feet[p].fresh = !feet[p].firm && feet[p].count == 3;
+        if (feet[p].fresh) changed = feet[p].firm = true;
+    }
+    for (int32_t t = 0; changed && t < mesh->num_tets; t++)
+        for (int v = 0; feet[piece[t]].fresh && v < 4; v++) firm_node[mesh->tets[4 * (size_t)t + (size_t)v]] = 1;
     return changed;
 }
 

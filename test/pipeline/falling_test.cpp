@@ -435,6 +435,49 @@ TEST(Falling, APieceOfAPieceGoesOnWithItsVelocity)
     EXPECT_NEAR(lowest(*body, part), lowest(*whole, same), 1e-4); // each springs back by itself
 }
 
+// what another search through all of it finds
+void expect_as_searched(const pliant_body &body)
+{
+    pliant_division none{};
+    none.num_tets = body.fine.num_tets;
+    none.corners = body.fine.tets;
+    pliant_body *searched = nullptr;
+    ASSERT_EQ(pliant_body_divide(&body, body.revision + 1, &none, &searched), PLIANT_OK) << pliant_last_error();
+    const pliant_pieces &is = *body.pieces, &found = *searched->pieces;
+    ASSERT_EQ(searched->fine.num_nodes, body.fine.num_nodes);
+    ASSERT_EQ(is.count, found.count);
+    ASSERT_EQ(is.num_joints, found.num_joints);
+    ASSERT_EQ(is.num_inner, found.num_inner);
+    EXPECT_EQ(std::memcmp(is.start, found.start, (size_t(is.count) + 1) * sizeof *is.start), 0);
+    EXPECT_EQ(std::memcmp(is.node, found.node, size_t(is.start[is.count]) * sizeof *is.node), 0);
+    EXPECT_EQ(std::memcmp(is.joint, found.joint, 2 * size_t(is.num_joints + is.num_inner) * sizeof *is.joint), 0);
+    EXPECT_EQ(std::memcmp(body.fine_fixed, searched->fine_fixed, size_t(body.fine.num_nodes)), 0);
+    pliant_body_release(searched);
+}
+
+TEST(Falling, CutsElsewhereLeavePiecesAsTheyAre)
+{
+    const Case severed{"sever", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SEVER; }};
+    std::unique_ptr<Body> body = hang(severed, -0.05);
+    step(*body, 3);
+    // off, then slits in what stays and in what fell, by height; the last ones take more off
+    const double heights[] = {0.07, 0.11, 0.13, 0.03, 0.12, 0.05, 0.10, 0.02, 0.14}, through[] = {0.1, 0.04, 0.035, 0.04, 0.045, 0.03, 0.1, 0.1, 0.04};
+    int most = 0, stayed = 0;
+    for (int c = 0; c < 9; c++) {
+        const double points[6] = {-0.01, -0.02, heights[c] + 0.004, 0.05, -0.02, heights[c] - 0.003}, depth[3] = {0, through[c], 0};
+        pliant_cut_report report;
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
+        ASSERT_GT(report.num_links, 0) << c;
+        const pliant_body *now = body->data->body;
+        ASSERT_TRUE(now->pieces) << c;
+        expect_as_searched(*now);
+        stayed += now->pieces->count == most;
+        most = now->pieces->count;
+    }
+    EXPECT_GE(stayed, 4);
+    EXPECT_GE(most, 2);
+}
+
 TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
 {
     const Case alone{"alone", [](pliant_scene &scene) {
