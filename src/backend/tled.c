@@ -26,8 +26,9 @@ static pliant_status create(const pliant_model *model, pliant_data *data) { retu
 static pliant_status follow(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next)
 {
     pliant_status status = create(model, next);
-    if (status == PLIANT_OK) pliant_tled_carry(next->tled, data->tled, map);
-    return status;
+    if (status != PLIANT_OK) return status;
+    pliant_tled_carry(next->tled, data->tled, map);
+    return pliant_tled_conserve(next->tled, data->tled, data->discretization->body, next->discretization->body);
 }
 
 static pliant_status reset(pliant_data *data)

@@ -158,9 +158,6 @@ double pliant_element_largest_eigenvalue(const double gradients[12], double lamb
 /* the same of any element with one strain: gram = sum of g_v g_v' over its corners, xx yy zz xy xz yz */
 double pliant_gram_largest_eigenvalue(const double gram[6], double lambda, double mu);
 
-/* The state of one for the body before: displacements, velocities, what has relaxed, limits. Tools are not. */
-void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map);
-
 /* Plane and box of the scene's ground. Returns how many. */
 int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WALLS]);
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance);
@@ -169,6 +166,13 @@ void pliant_tled_place(pliant_tled *tled, int32_t node, const double position[3]
 /* Room for nodes that stop; those: they stay where they are, for ever. Errors: MEMORY. */
 pliant_status pliant_tled_may_stop(pliant_tled *tled);
 void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes);
+
+/* ---- tled_carry.c */
+/* The state of one for the body before: displacements, velocities, what has relaxed, limits. Tools are not. */
+void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map);
+/* After that, where the body is the next of the one before, by a cut: momentum and angular momentum stay, and strain and kinetic energy together do not
+ * rise while there is motion to take it from. Errors: MEMORY. */
+pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, const pliant_body *before, const pliant_body *body);
 
 /* ---- tled_cubes.c */
 /* Blocks of all elements: of tetrahedra, then of hexahedra; numbers of forces in them. */
@@ -236,6 +240,8 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
 /* Kinetic energy, of half a step ago, strain energy, and what central differences keep of both [J], in double; of elastic tissue without
  * nodal pressure. */
 void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept);
+/* of the elements in these cells. cell: (pliant_count_cells) */
+double pliant_tled_strain_energy(const pliant_tled *tled, const pliant_tet_material *material, const uint8_t *cell);
 
 #ifdef __cplusplus
 }

@@ -315,45 +315,6 @@ void pliant_tled_stop_motion(pliant_tled *tled)
     memset(tled->quotient, 0, sizeof tled->quotient);
 }
 
-/* lane of the element that a tetrahedron is, or is in */
-static int32_t place_of(const pliant_tled_system *system, int32_t tet) { return system->cubes ? system->cubes->element_of_tet[tet] : tet; }
-static float shear_at(const pliant_tled_system *system, int32_t place)
-{
-    const int32_t block = place / LANES - system->num_blocks;
-    return block < 0 ? system->moduli[place / LANES][0][place % LANES] : system->cubes->moduli[block][0][place % LANES];
-}
-
-void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map)
-{
-    const pliant_tled_system *system = tled->system;
-    tled->tolerance = from->tolerance;
-    tled->halvings = from->halvings;
-    if (system->quasi_static) {
-        tled->substeps = from->substeps;
-    } else {
-        tled->substeps <<= tled->halvings;
-        tled->time_step = ldexp(tled->time_step, -tled->halvings);
-    }
-    memcpy(tled->target, from->target, sizeof tled->target);
-    memcpy(tled->passed, from->passed, sizeof tled->passed);
-    memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
-    tled->passed_step = from->passed_step;
-    const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
-    pliant_body_map_vectors(map, from->u, tled->u);
-    pliant_body_map_vectors(map, from->d, tled->d);
-    for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
-        const bool moves = tled->inverse_mass[n] > 0 && !system->quasi_static;
-        for (int d = 0; d < 3; d++) tled->d[3 * n + d] *= moves ? faster : 0;
-    }
-    for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++) {
-        int32_t to = place_of(system, t), source = place_of(from->system, map->tet[t]);
-        /* of a fragment as much as it has of the stiffness */
-        const float now = shear_at(system, to), was = shear_at(from->system, source), share = now == was || !(was > 0) ? 1 : now / was;
-        for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
-            tled->memory[to / LANES][m][to % LANES] = share * from->memory[source / LANES][m][source % LANES];
-    }
-}
-
 void pliant_tled_limits(pliant_tled *tled, int32_t steps, double tolerance)
 {
     tled->tolerance = tolerance;

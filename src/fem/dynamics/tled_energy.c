@@ -86,32 +86,51 @@ static void cube_energies(const pliant_tled *tled, const pliant_tet_material *ma
         for (int r = 0; r < 3; r++) *work += mean[1] * finer * finer * (force[0][m][r] - force[1][m][r]) * (w[0][m][r] - w[1][m][r]);
 }
 
+static void tet_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double *strain, double *before, double *work)
+{
+    const pliant_tled_system *system = tled->system;
+    double g[12], f[2][9], stress[2][9];
+    const double volume = pliant_mesh_gradients(system->mesh, tet, g);
+    for (int back = 0; back < 2; back++) {
+        deformation_of(tled, system->mesh->tets + 4 * (size_t)tet, g, back, f[back]);
+        *(back ? before : strain) += volume * pliant_law_response(system->law, material[tet].lambda, material[tet].mu, f[back], stress[back]);
+    }
+    for (int m = 0; m < 9; m++) *work += volume * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
+}
+
+/* Strain energies now and one increment ago, and the work of the change between. cell: Nullable: those to look at */
+static void strain_energies(const pliant_tled *tled, const pliant_tet_material *material, const uint8_t *cell, double *strain, double *before, double *work)
+{
+    const pliant_mesh *mesh = tled->system->mesh;
+    const pliant_tled_cubes *cubes = tled->system->cubes;
+    *strain = *before = *work = 0;
+    for (int32_t c = 0; cubes && c < cubes->count; c++)
+        if (!cell || cell[pliant_cell_of_tet(mesh, cubes->cube[c].tet[0])]) cube_energies(tled, material, c, strain, before, work);
+    for (int32_t e = 0; e < (cubes ? cubes->num_tets : mesh->num_tets); e++) {
+        const int32_t tet = cubes ? cubes->tet[e] : e;
+        if (!cell || cell[pliant_cell_of_tet(mesh, tet)]) tet_energies(tled, material, tet, strain, before, work);
+    }
+}
+
+double pliant_tled_strain_energy(const pliant_tled *tled, const pliant_tet_material *material, const uint8_t *cell)
+{
+    double strain, before, work;
+    strain_energies(tled, material, cell, &strain, &before, &work);
+    return strain;
+}
+
 /* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of both ends,
  * 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4, and d F is the sum of V P : (F - F-) over elements. */
 void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept)
 {
-    const pliant_tled_system *system = tled->system;
-    const pliant_mesh *mesh = system->mesh;
-    double before = 0, work = 0;
-    *kinetic = *strain = 0;
-    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+    double before, work;
+    *kinetic = 0;
+    for (int32_t n = 0; n < tled->system->mesh->num_nodes; n++) {
         if (tled->inverse_mass[n] == 0) continue;
         const double *d = tled->d + 3 * (size_t)n;
         double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         *kinetic += 0.5 * square / (tled->inverse_mass[n] * tled->time_step * tled->time_step);
     }
-    for (int32_t c = 0; system->cubes && c < system->cubes->count; c++)
-        cube_energies(tled, material, c, strain, &before, &work);
-    for (int32_t e = 0; e < (system->cubes ? system->cubes->num_tets : mesh->num_tets); e++) {
-        const int32_t t = system->cubes ? system->cubes->tet[e] : e;
-        const int32_t *nodes = mesh->tets + 4 * (size_t)t;
-        double g[12], f[2][9], stress[2][9];
-        double volume = pliant_mesh_gradients(mesh, t, g);
-        for (int back = 0; back < 2; back++) {
-            deformation_of(tled, nodes, g, back, f[back]);
-            *(back ? &before : strain) += volume * pliant_law_response(system->law, material[t].lambda, material[t].mu, f[back], stress[back]);
-        }
-        for (int m = 0; m < 9; m++) work += volume * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
-    }
+    strain_energies(tled, material, NULL, strain, &before, &work);
     *kept = *kinetic + 0.5 * (*strain + before) - 0.25 * work;
 }

@@ -42,7 +42,7 @@ int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet)
     return mesh->leaf_of_cell[sum[0] / 4 + mesh->cells[0] * (sum[1] / 4 + mesh->cells[1] * (sum[2] / 4))];
 }
 
-static size_t count_cells(const pliant_mesh *mesh)
+size_t pliant_count_cells(const pliant_mesh *mesh)
 {
     return mesh->lattice_of_tet ? (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2] : (size_t)mesh->num_leaves;
 }
@@ -77,18 +77,44 @@ static bool add_to_cube(const pliant_mesh *mesh, int32_t cell, int32_t tet, plia
 }
 
 /* Five tetrahedra, one a slot, that meet at eight nodes. */
+static const pliant_cube no_cube = {.tet = {-1, -1, -1, -1, -1}, .node = {-1, -1, -1, -1, -1, -1, -1, -1}};
 static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *out)
 {
-    memset(out, 0xff, sizeof *out);
+    *out = no_cube;
     for (int32_t t = first; t >= 0; t = next[t])
         if (!add_to_cube(mesh, cell, t, out)) return false;
     return true;
 }
 
+static int shared_nodes(const pliant_mesh *mesh, int32_t a, int32_t b)
+{
+    int count = 0;
+    for (int v = 0; v < 16; v++) count += mesh->tets[4 * (size_t)a + v / 4] == mesh->tets[4 * (size_t)b + v % 4];
+    return count;
+}
+
+/* What is left of a divided cube on one side of a cut: a fragment of its middle and on each of that one's faces one that it shares the nodes with. They
+ * move as the cube did, with their part of its stiffness and mass. found: (num_found) those of the cell that there are already */
+static bool is_part(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, int32_t middle, const pliant_cube *found, int32_t num_found,
+                    pliant_cube *out)
+{
+    int count = 1;
+    *out = no_cube;
+    out->part = true;
+    if (mesh->lattice_of_tet[middle] % 5 != 0 || !add_to_cube(mesh, cell, middle, out)) return false;
+    for (int32_t t = first; t >= 0; t = next[t]) {
+        const int slot = mesh->lattice_of_tet[t] % 5;
+        bool taken = slot == 0 || shared_nodes(mesh, middle, t) < 3;
+        for (int32_t c = 0; c < num_found; c++) taken = taken || found[c].tet[slot] == t;
+        count += !taken && add_to_cube(mesh, cell, t, out);
+    }
+    return count == 5;
+}
+
 bool pliant_cube_of(const pliant_mesh *mesh, int32_t tet, pliant_cube *out)
 {
     const int32_t cell = mesh->lattice_of_tet[tet] / 5, *tets = mesh->tet_of_lattice + 5 * (size_t)cell;
-    memset(out, 0xff, sizeof *out);
+    *out = no_cube;
     for (int slot = 0; slot < 5; slot++)
         if (tets[slot] < 0 || !add_to_cube(mesh, cell, tets[slot], out)) return false;
     return out->tet[mesh->lattice_of_tet[tet] % 5] == tet;
@@ -106,6 +132,14 @@ bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_
     return true;
 }
 
+/* of a cell with more than five tetrahedra, behind the cubes that there are */
+static void add_parts(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *cubes, int32_t *count)
+{
+    const int32_t begin = *count;
+    for (int32_t t = first; t >= 0; t = next[t])
+        *count += is_part(mesh, cell, first, next, t, cubes + begin, *count - begin, cubes + *count) && pliant_cube_is_box(mesh, cubes + *count, 1);
+}
+
 /* among: Nullable: (count) the tetrahedra to look at, ascending; NULL: the first ones */
 static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, int32_t tets, bool boxes, pliant_cube **out, int32_t *count)
 {
@@ -116,8 +150,10 @@ static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, i
     *out = pliant_calloc((size_t)tets / 5 + 1, sizeof **out);
     pliant_status status = first && number && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) list_tets(mesh, among, tets, first, next, number);
-    for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++)
+    for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++) {
         if (number[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || pliant_cube_is_box(mesh, *out + *count, 1))) ++*count;
+        if (boxes && number[cell] > 5) add_parts(mesh, cell, first[cell] - 1, next, *out, count);
+    }
     pliant_free(first);
     pliant_free(number);
     pliant_free(next);
@@ -288,11 +324,12 @@ void pliant_cube_integrate(const pliant_mesh *mesh, const pliant_cube *cube, int
 
 void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material, double lambda[5], double mu[5])
 {
+    const double least = cube->part ? 0 : filler;
     double least_mu = 0, least_lambda = 0, whole = 0;
     for (int slot = 0; slot < 5; slot++) {
         whole += volume[slot];
-        least_mu += filler * volume[slot] * material[cube->tet[slot]].mu;
-        least_lambda += filler * volume[slot] * material[cube->tet[slot]].lambda;
+        least_mu += least * volume[slot] * material[cube->tet[slot]].mu;
+        least_lambda += least * volume[slot] * material[cube->tet[slot]].lambda;
     }
     for (int slot = 0; slot < 5; slot++) {
         mu[slot] = fmax(material[cube->tet[slot]].mu, least_mu / whole);
@@ -513,7 +550,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
 
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out)
 {
-    int32_t *next = pliant_calloc(count_cells(mesh), sizeof *next);
+    int32_t *next = pliant_calloc(pliant_count_cells(mesh), sizeof *next);
     int32_t *element = *out = pliant_calloc((size_t)mesh->num_tets, sizeof *element);
     if (!next || !element) {
         pliant_free(next);

@@ -8,9 +8,10 @@
 extern "C" {
 #endif
 
-/* nodes by the bits of their corners, and tetrahedra by slot */
+/* nodes by the bits of their corners, and tetrahedra by slot; part: these are fragments, what is left of the cube on one side of a cut */
 typedef struct pliant_cube {
     int32_t tet[5], node[8];
+    bool part;
 } pliant_cube;
 
 /* The cube that a tetrahedron at load is of, where its five still meet at eight nodes: false elsewhere. */
@@ -25,7 +26,7 @@ typedef struct pliant_cube_shape {
     double volume[5], mean[24], load[5][8];
 } pliant_cube_shape;
 
-/* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends. Errors: MEMORY. */
+/* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends, and parts of cubes. Errors: MEMORY. */
 pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count);
 /* Likewise among these tetrahedra, ascending, which are all of their cubes'. Errors: MEMORY. */
 pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count);
@@ -62,6 +63,7 @@ pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant
                                            const uint8_t *kept, double **mass);
 /* The cube of a lattice that a tetrahedron is in, or a fragment of; of an octree its leaf. */
 int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet);
+size_t pliant_count_cells(const pliant_mesh *mesh); /* how many of these there are */
 /* A hexahedron: all of it but corners and cell. Errors: MEMORY. */
 pliant_status pliant_macros_add_hexahedron(const pliant_tet_material *material, const pliant_cube *cube, const pliant_cube_shape *shape, pliant_macros *macros,
                                            int32_t element);
@@ -70,7 +72,7 @@ pliant_status pliant_macros_add_tet(const pliant_mesh *mesh, const pliant_tet_ma
 int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell);
 /* (num_tets of the mesh) macro-element that each tetrahedron is, or is part of. Errors: MEMORY. */
 pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_macros *macros, int32_t **out);
-/* Moduli of its tetrahedra: what is without tissue keeps a small part of what the others have. */
+/* Moduli of its tetrahedra: what is without tissue keeps a small part of what the others have; not in a part, so that parts have no more than the whole. */
 void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const pliant_tet_material *material, double lambda[5], double mu[5]);
 
 #ifdef __cplusplus

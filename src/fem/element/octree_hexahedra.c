@@ -207,7 +207,7 @@ static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node
 static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS], double *shear, double *gradient, double *out)
 {
     const int32_t *start = work->mesh->leaf_start + leaf;
-    pliant_cube cube;
+    pliant_cube cube = {.part = false};
     double k[UNKNOWNS * UNKNOWNS], half[UNKNOWNS * UNKNOWNS] = {0};
     for (int v = 0; v < CORNERS; v++) cube.node[v] = work->node[leaf][place_of_corner(v)];
     for (int slot = 0; slot < 5; slot++) cube.tet[slot] = start[1] - start[0] == 5 ? start[0] + slot : start[0]; /* what is divided is of one material */
