@@ -211,7 +211,7 @@ pliant_status pliant_system_take(const pliant_system *whole, int32_t count, cons
                                  pliant_system *out);
 
 /* ---- hexahedra.c: in place of pliant_system_elements */
-/* A hexahedron for every whole cube of the lattice, tetrahedra for the rest. before, kept: Nullable: those of another system that are the same.
+/* A hexahedron for every whole cube of the lattice and every such part of one, tetrahedra for the rest. before, kept: Nullable: those of another system that are the same.
  * Errors: MEMORY. */
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept);
 /* ---- octree_hexahedra.c: one for every leaf. A node in the middle of an edge or face of a larger leaf follows its corners, as the centre of a divided

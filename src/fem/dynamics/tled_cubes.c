@@ -86,11 +86,21 @@ double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, c
     return whole;
 }
 
-static pliant_status allocate(const pliant_mesh *mesh, pliant_tled_cubes *cubes)
+/* Of a law that has a second rest state inside out, parts stay tetrahedra: they are softer, and turned there where a fallen end was put back (NUMERICS 10). */
+static void leave_parts(pliant_tled_cubes *cubes)
+{
+    const int32_t count = cubes->count;
+    cubes->count = 0;
+    for (int32_t c = 0; c < count; c++)
+        if (!cubes->cube[c].part) cubes->cube[cubes->count++] = cubes->cube[c];
+}
+
+static pliant_status allocate(const pliant_mesh *mesh, pliant_law law, pliant_tled_cubes *cubes)
 {
     pliant_status status = mesh->lattice_of_tet ? pliant_cubes_find(mesh, true, &cubes->cube, &cubes->count)
                                                 : pliant_octree_cubes_find(mesh, &cubes->cube, &cubes->size, &cubes->count);
     if (status != PLIANT_OK) return status;
+    if (law == PLIANT_LAW_SAINT_VENANT_KIRCHHOFF) leave_parts(cubes);
     cubes->num_blocks = (cubes->count + LANES - 1) / LANES;
     cubes->num_tets = mesh->num_tets - 5 * cubes->count;
     cubes->nodes = pliant_calloc((size_t)cubes->num_blocks + 1, sizeof *cubes->nodes);
@@ -153,7 +163,7 @@ pliant_status pliant_tled_cubes_create(const pliant_mesh *mesh, const pliant_tet
 {
     pliant_tled_cubes *cubes = pliant_calloc(1, sizeof *cubes);
     if (!cubes) return pliant_fail_memory("the hexahedra");
-    pliant_status status = allocate(mesh, cubes);
+    pliant_status status = allocate(mesh, law, cubes);
     if (status != PLIANT_OK) {
         pliant_tled_cubes_free(cubes);
         return status;

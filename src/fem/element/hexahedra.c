@@ -4,7 +4,8 @@
  *     K = sum over t of mu_t int_t (2 e : e - 2/3 div^2) + (sum over t of V_t kappa_t) b b',   b = mean of the gradients, kappa = lambda + 2/3 mu,
  * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. A fourth of it is another cube's: that one's
  * displacement has the incompatible modes of Taylor, Beresford and Wilson (Int. J. Numer. Meth. Engng 10:1211, 1976), which are condensed, and its
- * change of volume is linear in the cube, so that it bends as a beam does at any Poisson's ratio. What is not whole, beside a cut, stays tetrahedra. */
+ * change of volume is linear in the cube, so that it bends as a beam does at any Poisson's ratio. Beside a cut parts of cubes are hexahedra, too, with
+ * their part of the material (hexahedra_cells.c); what is no such part stays tetrahedra. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -23,156 +24,6 @@ static const double filler = 5e-2;
 
 /* Part of the stiffness that is of the cube with incompatible modes (NUMERICS 5): one change of volume alone lets tissue one cube thin bend too easily. */
 static const double enhanced = 0.25;
-
-int pliant_cell_parity(const pliant_mesh *mesh, int32_t cell)
-{
-    int32_t nx = mesh->cells[0], ny = mesh->cells[1];
-    return (cell % nx + cell / nx % ny + cell / nx / ny) & 1;
-}
-
-int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet)
-{
-    if (mesh->lattice_of_tet) return mesh->lattice_of_tet[tet] / 5;
-    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
-    int32_t sum[3] = {0, 0, 0}; /* its middle lies within a smallest cell of its leaf, or between such cells */
-    for (int v = 0; v < 4; v++) {
-        const int32_t at = mesh->lattice_of_node[mesh->tets[4 * tet + v]];
-        sum[0] += at % nx, sum[1] += at / nx % ny, sum[2] += at / nx / ny;
-    }
-    return mesh->leaf_of_cell[sum[0] / 4 + mesh->cells[0] * (sum[1] / 4 + mesh->cells[1] * (sum[2] / 4))];
-}
-
-size_t pliant_count_cells(const pliant_mesh *mesh)
-{
-    return mesh->lattice_of_tet ? (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2] : (size_t)mesh->num_leaves;
-}
-
-/* ---- which cubes are whole */
-
-/* (cells) tetrahedra of each: 1 + the first one, by a list through `next`; and how many. among: as for find_cubes */
-static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tets, int32_t *first, int32_t *next, int32_t *count)
-{
-    for (int32_t i = tets - 1; i >= 0; i--) {
-        const int32_t t = among ? among[i] : i, cell = mesh->lattice_of_tet[t] / 5;
-        next[t] = first[cell] - 1;
-        first[cell] = t + 1;
-        count[cell]++;
-    }
-}
-
-/* One more tetrahedron of a cube that was all -1: false where there is one in its slot, or another node at a corner. */
-static bool add_to_cube(const pliant_mesh *mesh, int32_t cell, int32_t tet, pliant_cube *out)
-{
-    const int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
-    const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, slot = mesh->lattice_of_tet[tet] % 5;
-    if (out->tet[slot] >= 0) return false;
-    out->tet[slot] = tet;
-    for (int v = 0; v < 4; v++) { /* a tetrahedron's own order is turned where that makes it positive */
-        int32_t node = mesh->tets[4 * tet + v], at = mesh->lattice_of_node[node];
-        int corner = (at % nx - base[0]) | (at / nx % ny - base[1]) << 1 | (at / nx / ny - base[2]) << 2;
-        if (out->node[corner] >= 0 && out->node[corner] != node) return false;
-        out->node[corner] = node;
-    }
-    return true;
-}
-
-/* Five tetrahedra, one a slot, that meet at eight nodes. */
-static const pliant_cube no_cube = {.tet = {-1, -1, -1, -1, -1}, .node = {-1, -1, -1, -1, -1, -1, -1, -1}};
-static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *out)
-{
-    *out = no_cube;
-    for (int32_t t = first; t >= 0; t = next[t])
-        if (!add_to_cube(mesh, cell, t, out)) return false;
-    return true;
-}
-
-static int shared_nodes(const pliant_mesh *mesh, int32_t a, int32_t b)
-{
-    int count = 0;
-    for (int v = 0; v < 16; v++) count += mesh->tets[4 * (size_t)a + v / 4] == mesh->tets[4 * (size_t)b + v % 4];
-    return count;
-}
-
-/* What is left of a divided cube on one side of a cut: a fragment of its middle and on each of that one's faces one that it shares the nodes with. They
- * move as the cube did, with their part of its stiffness and mass. found: (num_found) those of the cell that there are already */
-static bool is_part(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, int32_t middle, const pliant_cube *found, int32_t num_found,
-                    pliant_cube *out)
-{
-    int count = 1;
-    *out = no_cube;
-    out->part = true;
-    if (mesh->lattice_of_tet[middle] % 5 != 0 || !add_to_cube(mesh, cell, middle, out)) return false;
-    for (int32_t t = first; t >= 0; t = next[t]) {
-        const int slot = mesh->lattice_of_tet[t] % 5;
-        bool taken = slot == 0 || shared_nodes(mesh, middle, t) < 3;
-        for (int32_t c = 0; c < num_found; c++) taken = taken || found[c].tet[slot] == t;
-        count += !taken && add_to_cube(mesh, cell, t, out);
-    }
-    return count == 5;
-}
-
-bool pliant_cube_of(const pliant_mesh *mesh, int32_t tet, pliant_cube *out)
-{
-    const int32_t cell = mesh->lattice_of_tet[tet] / 5, *tets = mesh->tet_of_lattice + 5 * (size_t)cell;
-    *out = no_cube;
-    for (int slot = 0; slot < 5; slot++)
-        if (tets[slot] < 0 || !add_to_cube(mesh, cell, tets[slot], out)) return false;
-    return out->tet[mesh->lattice_of_tet[tet] % 5] == tet;
-}
-
-bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_t size)
-{
-    for (int v = 1; v < CORNERS; v++)
-        for (int d = 0; d < 3; d++) {
-            double apart = mesh->rest[3 * cube->node[v] + d] - mesh->rest[3 * cube->node[0] + d];
-            for (int axis = 0; axis < 3; axis++)
-                if (v >> axis & 1) apart -= mesh->direction[3 * d + axis] * mesh->cell_size[axis] * size;
-            if (fabs(apart) > 1e-6 * mesh->cell_size[0]) return false;
-        }
-    return true;
-}
-
-/* of a cell with more than five tetrahedra, behind the cubes that there are */
-static void add_parts(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *cubes, int32_t *count)
-{
-    const int32_t begin = *count;
-    for (int32_t t = first; t >= 0; t = next[t])
-        *count += is_part(mesh, cell, first, next, t, cubes + begin, *count - begin, cubes + *count) && pliant_cube_is_box(mesh, cubes + *count, 1);
-}
-
-/* among: Nullable: (count) the tetrahedra to look at, ascending; NULL: the first ones */
-static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, int32_t tets, bool boxes, pliant_cube **out, int32_t *count)
-{
-    const size_t cells = (size_t)mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
-    int32_t *first = pliant_calloc(cells, sizeof *first), *number = pliant_calloc(cells, sizeof *number);
-    int32_t *next = pliant_room((size_t)mesh->num_tets, sizeof *next);
-    *count = 0;
-    *out = pliant_calloc((size_t)tets / 5 + 1, sizeof **out);
-    pliant_status status = first && number && next && *out ? PLIANT_OK : pliant_fail_memory("the hexahedra");
-    if (status == PLIANT_OK) list_tets(mesh, among, tets, first, next, number);
-    for (int32_t cell = 0; status == PLIANT_OK && (size_t)cell < cells; cell++) {
-        if (number[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, *out + *count) && (!boxes || pliant_cube_is_box(mesh, *out + *count, 1))) ++*count;
-        if (boxes && number[cell] > 5) add_parts(mesh, cell, first[cell] - 1, next, *out, count);
-    }
-    pliant_free(first);
-    pliant_free(number);
-    pliant_free(next);
-    if (status != PLIANT_OK) {
-        pliant_free(*out);
-        *out = NULL;
-    }
-    return status;
-}
-
-pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count)
-{
-    return find_cubes(mesh, NULL, mesh->num_tets, boxes, out, count);
-}
-
-pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count)
-{
-    return find_cubes(mesh, tet, tets, false, out, count);
-}
 
 /* ---- stiffness */
 
@@ -447,14 +298,14 @@ int32_t pliant_macros_blocks(size_t count, size_t corners)
 typedef struct earlier_cubes {
     const pliant_macros *macros;
     const uint8_t *kept;      /* (tetrahedra) */
-    int32_t *element;         /* (cells) 1 + a hexahedron; 0: none */
+    int32_t *element;         /* (cells) 1 + the first hexahedron; 0: none */
 } earlier_cubes;
 
 static pliant_status list_earlier(const pliant_system *before, const uint8_t *kept, int32_t cells, earlier_cubes *out)
 {
     *out = (earlier_cubes){.macros = before->macros, .kept = kept, .element = pliant_calloc((size_t)cells, sizeof *out->element)};
     if (!out->element) return pliant_fail_memory("the hexahedra");
-    for (int32_t e = 0; e < out->macros->count; e++)
+    for (int32_t e = out->macros->count - 1; e >= 0; e--)
         if (out->macros->start[e + 1] - out->macros->start[e] == CORNERS) out->element[out->macros->cell[e]] = e + 1;
     return PLIANT_OK;
 }
@@ -462,9 +313,12 @@ static pliant_status list_earlier(const pliant_system *before, const uint8_t *ke
 /* -1: there was none, or of another material */
 static int32_t find_earlier(const earlier_cubes *earlier, int32_t cell, const pliant_cube *cube)
 {
-    bool same = earlier->element[cell] > 0;
-    for (int slot = 0; slot < 5; slot++) same = same && earlier->kept[cube->tet[slot]];
-    return same ? earlier->element[cell] - 1 : -1;
+    const pliant_macros *macros = earlier->macros;
+    for (int slot = 0; slot < 5; slot++)
+        if (earlier->element[cell] == 0 || !earlier->kept[cube->tet[slot]]) return -1;
+    for (int32_t e = earlier->element[cell] - 1; e < macros->count && macros->cell[e] == cell && macros->start[e + 1] - macros->start[e] == CORNERS; e++)
+        if (memcmp(macros->own + CORNERS * (size_t)e, cube->node, sizeof cube->node) == 0) return e;
+    return -1;
 }
 
 void pliant_macros_share_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element)
@@ -481,9 +335,8 @@ static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant
     pliant_macros_share_root(from, was, macros, element);
 }
 
-/* first, next: the lists of list_tets; whole: (cells) */
-static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const int32_t *first, const int32_t *next,
-                          const uint8_t *whole, int32_t cells, const earlier_cubes *earlier)
+/* of a cell: its cubes, then tetrahedra that are in none */
+static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const pliant_cell_lists *lists, const earlier_cubes *earlier)
 {
     const pliant_mesh *mesh = system->mesh;
     pliant_macros *macros = system->macros;
@@ -491,22 +344,23 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     bool known[2] = {false, false};
     pliant_status status = shape ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     int32_t element = 0, corner = 0;
-    for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
-        int parity = pliant_cell_parity(mesh, cell);
-        pliant_cube cube;
-        if (whole[cell]) {
-            is_whole(mesh, cell, first[cell] - 1, next, &cube);
-            if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, &cube, parity, &shape[parity]);
+    for (int32_t cell = 0; status == PLIANT_OK && cell < lists->cells; cell++) {
+        const int parity = pliant_cell_parity(mesh, cell);
+        const int32_t cubes = pliant_cubes_of_cell(lists, cell);
+        for (int32_t c = 0; status == PLIANT_OK && c < cubes; c++) {
+            const pliant_cube *cube = lists->cube + c;
+            if (!known[parity] || mesh->num_moved > 0) pliant_cube_integrate(mesh, cube, parity, &shape[parity]);
             known[parity] = true;
-            const int32_t was = earlier ? find_earlier(earlier, cell, &cube) : -1;
-            if (was >= 0) copy_hexahedron(earlier->macros, was, &cube, macros, element);
-            else status = pliant_macros_add_hexahedron(material, &cube, &shape[parity], macros, element);
-            memcpy(macros->node + corner, cube.node, sizeof cube.node);
+            const int32_t was = earlier ? find_earlier(earlier, cell, cube) : -1;
+            if (was >= 0) copy_hexahedron(earlier->macros, was, cube, macros, element);
+            else status = pliant_macros_add_hexahedron(material, cube, &shape[parity], macros, element);
+            memcpy(macros->node + corner, cube->node, sizeof cube->node);
             corner += CORNERS;
             macros->cell[element] = cell;
             macros->start[++element] = corner;
         }
-        for (int32_t t = first[cell] - 1; status == PLIANT_OK && !whole[cell] && t >= 0; t = next[t]) {
+        for (int32_t t = lists->first[cell]; status == PLIANT_OK && t >= 0; t = lists->next[t]) {
+            if (pliant_cube_among(lists, cubes, t) >= 0) continue;
             status = pliant_macros_add_tet(mesh, material, t, macros, element);
             memcpy(macros->node + corner, mesh->tets + 4 * t, 4 * sizeof *mesh->tets);
             corner += 4;
@@ -520,31 +374,39 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
 
 pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
-    const pliant_mesh *mesh = system->mesh;
-    const int32_t cells = mesh->cells[0] * mesh->cells[1] * mesh->cells[2];
-    int32_t *first = pliant_calloc((size_t)cells, sizeof *first), *count = pliant_calloc((size_t)cells, sizeof *count);
-    int32_t *next = pliant_calloc((size_t)mesh->num_tets, sizeof *next);
-    uint8_t *whole = pliant_calloc((size_t)cells, 1);
-    pliant_status status = first && count && next && whole ? PLIANT_OK : pliant_fail_memory("the hexahedra");
+    pliant_cell_lists lists;
+    earlier_cubes earlier = {0};
+    pliant_status status = pliant_cell_lists_make(system->mesh, NULL, system->mesh->num_tets, &lists);
     size_t elements = 0, corners = 0;
-    if (status == PLIANT_OK) list_tets(mesh, NULL, mesh->num_tets, first, next, count);
-    for (int32_t cell = 0; status == PLIANT_OK && cell < cells; cell++) {
-        pliant_cube cube;
-        whole[cell] = count[cell] == 5 && is_whole(mesh, cell, first[cell] - 1, next, &cube);
-        elements += whole[cell] ? 1 : (size_t)count[cell];
-        corners += whole[cell] ? CORNERS : 4 * (size_t)count[cell];
+    for (int32_t cell = 0; status == PLIANT_OK && cell < lists.cells; cell++) {
+        const size_t cubes = (size_t)pliant_cubes_of_cell(&lists, cell), tets = (size_t)lists.count[cell] - 5 * cubes;
+        elements += cubes + tets;
+        corners += CORNERS * cubes + 4 * tets;
     }
     if (status == PLIANT_OK && !(system->macros = pliant_calloc(1, sizeof *system->macros))) status = pliant_fail_memory("the hexahedra");
     if (status == PLIANT_OK) status = pliant_macros_allocate(system->macros, elements, corners);
-    earlier_cubes earlier = {0};
-    if (status == PLIANT_OK && kept) status = list_earlier(before, kept, cells, &earlier);
-    if (status == PLIANT_OK) status = fill(system, material, first, next, whole, cells, kept ? &earlier : NULL);
+    if (status == PLIANT_OK && kept) status = list_earlier(before, kept, lists.cells, &earlier);
+    if (status == PLIANT_OK) status = fill(system, material, &lists, kept ? &earlier : NULL);
     pliant_free(earlier.element);
     system->num_blocks = pliant_macros_blocks(elements, corners);
-    pliant_free(first);
-    pliant_free(count);
-    pliant_free(next);
-    pliant_free(whole);
+    pliant_cell_lists_free(&lists);
+    return status;
+}
+
+/* of a lattice that may have been cut */
+static pliant_status elements_of_lists(const pliant_mesh *mesh, int32_t *next, int32_t *element)
+{
+    pliant_cell_lists lists;
+    pliant_status status = pliant_cell_lists_make(mesh, NULL, mesh->num_tets, &lists);
+    for (int32_t cell = 0; status == PLIANT_OK && cell < lists.cells; cell++) {
+        const int32_t cubes = pliant_cubes_of_cell(&lists, cell), begin = next[cell];
+        next[cell] += cubes;
+        for (int32_t t = lists.first[cell]; t >= 0; t = lists.next[t]) {
+            const int32_t c = pliant_cube_among(&lists, cubes, t);
+            element[t] = c >= 0 ? begin + c : next[cell]++;
+        }
+    }
+    pliant_cell_lists_free(&lists);
     return status;
 }
 
@@ -559,13 +421,18 @@ pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_mac
         return pliant_fail_memory("the hexahedra");
     }
     for (int32_t e = macros->count - 1; e >= 0; e--) next[macros->cell[e]] = e;
-    for (int32_t t = 0; t < mesh->num_tets; t++) {
+    pliant_status status = PLIANT_OK;
+    if (mesh->lattice_of_tet) status = elements_of_lists(mesh, next, element);
+    for (int32_t t = 0; !mesh->lattice_of_tet && t < mesh->num_tets; t++) {
         const int32_t cell = pliant_cell_of_tet(mesh, t);
         element[t] = next[cell];
         next[cell] += macros->start[next[cell] + 1] - macros->start[next[cell]] == 4; /* the tetrahedra of a cube are in their own order */
     }
     pliant_free(next);
-    return PLIANT_OK;
+    if (status == PLIANT_OK) return PLIANT_OK;
+    pliant_free(element);
+    *out = NULL;
+    return status;
 }
 
 pliant_status pliant_system_cubes(pliant_system *system)

@@ -1,4 +1,4 @@
-/* Whole cubes of a lattice, which are hexahedra (hexahedra.c): for explicit dynamics, and for coarse cubes that are made of them. */
+/* Whole cubes of a lattice, and parts that cuts leave of them, which are hexahedra (hexahedra.c): for explicit dynamics, and for coarse cubes that are made of them. */
 #ifndef PLIANT_FEM_ELEMENT_HEXAHEDRA_H
 #define PLIANT_FEM_ELEMENT_HEXAHEDRA_H
 
@@ -26,7 +26,24 @@ typedef struct pliant_cube_shape {
     double volume[5], mean[24], load[5][8];
 } pliant_cube_shape;
 
-/* Cubes whose five tetrahedra meet at eight nodes, ascending: *out (*count). boxes: only those that no moved node bends, and parts of cubes. Errors: MEMORY. */
+/* ---- hexahedra_cells.c */
+/* The tetrahedra of a lattice by cell, and room for the cubes of one. */
+typedef struct pliant_cell_lists {
+    const pliant_mesh *mesh;
+    int32_t cells, *first, *count; /* (cells) the first tetrahedron, -1: none; how many */
+    int32_t *next;                 /* (num_tets) the next one of the same cell, -1: none */
+    pliant_cube *cube;
+} pliant_cell_lists;
+/* Of these tetrahedra, ascending; among NULL: of the first ones. Errors: MEMORY; what was made is the caller's to free. */
+pliant_status pliant_cell_lists_make(const pliant_mesh *mesh, const int32_t *among, int32_t tets, pliant_cell_lists *out);
+void pliant_cell_lists_free(pliant_cell_lists *lists);
+/* A cell's whole cube, or parts: lists->cube. Returns how many. */
+int32_t pliant_cubes_of_cell(const pliant_cell_lists *lists, int32_t cell);
+/* which of these a tetrahedron of the same cell is in, or -1 */
+int32_t pliant_cube_among(const pliant_cell_lists *lists, int32_t count, int32_t tet);
+
+/* Cubes whose five tetrahedra meet at eight nodes, and such parts of cubes, ascending: *out (*count). boxes: only those that no moved node bends.
+ * Errors: MEMORY. */
 pliant_status pliant_cubes_find(const pliant_mesh *mesh, bool boxes, pliant_cube **out, int32_t *count);
 /* Likewise among these tetrahedra, ascending, which are all of their cubes'. Errors: MEMORY. */
 pliant_status pliant_cubes_find_among(const pliant_mesh *mesh, const int32_t *tet, int32_t tets, pliant_cube **out, int32_t *count);
@@ -54,7 +71,7 @@ pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t
 /* That of an element of other ones, with as many corners: the same block. */
 void pliant_macros_share_root(const pliant_macros *from, int32_t was, pliant_macros *macros, int32_t element);
 /* ---- hexahedra_masses.c */
-/* Consistent masses: of whole cubes what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
+/* Consistent masses: of hexahedra what they weigh at their corners by the shape functions, of other tetrahedra a fourth: mass (num_nodes) [kg].
  * Errors: MEMORY. */
 pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_material *material, double *mass);
 /* The same bits, from those before of so many nodes where nothing has changed. kept: (num_tets) tetrahedra that are the same; *mass: out, whatever is
