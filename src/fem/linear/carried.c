@@ -45,6 +45,19 @@ static int32_t cell_of(const pliant_system *system, int32_t element, bool *whole
 
 static bool has_fine_cells(const pliant_system *system) { return system->macros && system->macros->cell && (system->graded || system->mesh == system->fine); }
 
+/* (cells, zeroed) hexahedra in each, up to 3, times HEXAHEDRON, and tetrahedra, up to 63 */
+enum { HEXAHEDRON = 64 };
+static void count_elements(const pliant_system *system, uint8_t *cube)
+{
+    for (int32_t e = 0; e < system->macros->count; e++) {
+        bool whole;
+        const int32_t cell = cell_of(system, e, &whole);
+        if (cell < 0) continue;
+        if (whole && cube[cell] / HEXAHEDRON < 3) cube[cell] = (uint8_t)(cube[cell] + HEXAHEDRON);
+        if (!whole && cube[cell] % HEXAHEDRON < HEXAHEDRON - 1) cube[cell]++;
+    }
+}
+
 void pliant_carried_layout_free(pliant_carried_layout *layout)
 {
     pliant_free(layout->place);
@@ -61,11 +74,7 @@ pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_c
     if (cubes) out->cube = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], 1);
     if (!out->place || (cubes && !out->cube)) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < system->num_free; f++) out->place[f] = place_of(system, system->node_of_free[f]);
-    for (int32_t e = 0; cubes && e < system->macros->count; e++) {
-        bool whole;
-        const int32_t cell = cell_of(system, e, &whole);
-        if (cell >= 0) out->cube[cell] |= whole ? PLIANT_CUBE_IS_WHOLE : PLIANT_CUBE_IS_DIVIDED;
-    }
+    if (cubes) count_elements(system, out->cube);
     return PLIANT_OK;
 }
 
@@ -106,17 +115,24 @@ static pliant_status open_closed(const pliant_system *system, const pliant_carri
     return status;
 }
 
-/* Corners of elements that are hexahedra now and were not, or the other way round. */
-static void open_divided(const pliant_system *system, const uint8_t *cube, uint8_t *opened)
+/* Corners of hexahedra and tetrahedra in cubes of the base that have other ones now, whole or in parts; not of tetrahedra where there was no hexahedron. */
+static pliant_status open_divided(const pliant_system *system, const uint8_t *cube, uint8_t *opened)
 {
-    const pliant_macros *now = system->macros;
-    for (int32_t e = 0; cube && has_fine_cells(system) && e < now->count; e++) {
-        bool is_whole;
-        const int32_t cell = cell_of(system, e, &is_whole);
-        const bool other = cell >= 0 && (is_whole ? cube[cell] == PLIANT_CUBE_IS_DIVIDED : (cube[cell] & PLIANT_CUBE_IS_WHOLE) != 0);
-        for (int32_t c = now->start[e]; other && c < now->start[e + 1]; c++)
-            if (system->free_of_node[now->node[c]] >= 0) opened[system->free_of_node[now->node[c]]] = 1;
+    const pliant_macros *macros = system->macros;
+    const int32_t *cells = system->fine->cells;
+    if (!cube || !has_fine_cells(system)) return PLIANT_OK;
+    uint8_t *now = pliant_calloc((size_t)cells[0] * (size_t)cells[1] * (size_t)cells[2], 1);
+    if (!now) return pliant_fail_memory("the preconditioner");
+    count_elements(system, now);
+    for (int32_t e = 0; e < macros->count; e++) {
+        bool whole;
+        const int32_t cell = cell_of(system, e, &whole);
+        const bool other = cell >= 0 && cube[cell] != 0 && cube[cell] != now[cell] && (whole || cube[cell] >= HEXAHEDRON);
+        for (int32_t c = macros->start[e]; other && c < macros->start[e + 1]; c++)
+            if (system->free_of_node[macros->node[c]] >= 0) opened[system->free_of_node[macros->node[c]]] = 1;
     }
+    pliant_free(now);
+    return PLIANT_OK;
 }
 
 pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened)
@@ -124,7 +140,7 @@ pliant_status pliant_carried_opened(const pliant_system *system, const pliant_ca
     bool lost = false;
     pliant_status status = open_copies(system->num_free, base->num_free, source, opened, &lost);
     if (status == PLIANT_OK && lost) status = open_closed(system, base, source, opened);
-    if (status == PLIANT_OK) open_divided(system, base->cube, opened);
+    if (status == PLIANT_OK) status = open_divided(system, base->cube, opened);
     return status;
 }
 

@@ -34,15 +34,14 @@ typedef struct pliant_carried {
 typedef struct pliant_carried_layout {
     int32_t num_free;
     int32_t *place;           /* (num_free) node of the fine lattice where each is; -1: a coarse one */
-    uint8_t *cube;            /* Nullable: (cells of the fine lattice) what it is there; NULL: no hexahedra */
+    uint8_t *cube;            /* Nullable: (cells of the fine lattice) how many elements of which kind it has there; NULL: no hexahedra */
 } pliant_carried_layout;
-enum { PLIANT_CUBE_IS_WHOLE = 1, PLIANT_CUBE_IS_DIVIDED = 2 }; /* a hexahedron; tetrahedra in place of one */
 /* Errors: MEMORY, with what was made in out. */
 pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_carried_layout *out);
 void pliant_carried_layout_free(pliant_carried_layout *layout);
 
 /* Which unknowns the base does not know as they are, opened: (num_free) out: their source is shared or missing, or another that was there is gone, as where a
- * cut was undone; and corners of hexahedra that have been divided since, into tetrahedra, which are stiffer, or the other way round. Errors: MEMORY. */
+ * cut was undone; and corners of hexahedra that have been divided since, into parts or tetrahedra, which are stiffer, or the other way round. Errors: MEMORY. */
 pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened);
 /* source is taken over, also on an error; base is handed over later. positions: NULL: not mended yet. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
