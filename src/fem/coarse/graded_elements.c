@@ -219,7 +219,7 @@ static void take_run(grading *work, int32_t was, int32_t *from, int32_t *to)
 
 static bool stays_whole(const grading *work, const pliant_cube *cube)
 {
-    if (!work->before) return false;
+    if (!work->before || cube->part) return false; /* of a part another fragment may have been at its tip */
     for (int slot = 0; slot < 5; slot++)
         if (!work->kept->fine[cube->tet[slot]]) return false;
     return true;
