@@ -521,6 +521,8 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
     if (!regular) return PLIANT_OK;
     CUDA_TRY(begin(&work, &led));
     if (!std::isfinite(work.norm) || !(work.norm > 0)) return PLIANT_OK;
+    /* how far the body is from rest is not known on this side yet: it counts as hardly moved */
+    if (pliant_opened_is_settled(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement)) return PLIANT_OK;
     CUDA_TRY(find_step(&work, led, &products));
     *evaluations = 1 + products;
     if (!(work.energy > 0)) return PLIANT_OK;

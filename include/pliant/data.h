@@ -126,7 +126,7 @@ PLIANT_API pliant_status pliant_data_take(const pliant_model *model, pliant_data
  *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
 PLIANT_API pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body);
 
-/** What is true after the last step: valid until the next call that takes this data and may change it (a step, a reset). Retain the body
+/** What is true after the last step: valid until the next call that takes this data and may change it (a step, a cut, a reset; one that fails, too). Retain the body
  *  (pliant_body_retain) to keep it for longer. */
 PLIANT_API const pliant_body *pliant_data_get_body(const pliant_data *data);
 /** Highest revision of its bodies so far: the next one takes one more. */

@@ -169,7 +169,8 @@ static void release_above(int64_t bytes, int blocks)
 
 static bool keep(header *block)
 {
-    if (block->room < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
+    const bool fits = block->room == room_for(block->room, block->stamp != NULL); /* what was followed for the first time may be of no size that is asked for */
+    if (!fits || block->room < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
     pthread_mutex_lock(&kept.lock);
     const bool keeps = (int64_t)block->room <= kept.limit / 2;
     if (keeps) {

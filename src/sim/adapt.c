@@ -1,5 +1,6 @@
 /* From one body to another. Who keeps something that is derived from a body stands in the table at the end: all of it is prepared first, in
- * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. */
+ * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. Where nodes stay, the
+ * next positions are written behind the old ones, which a cut that fails later may have moved to another place in memory. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "base/room.h"
@@ -156,7 +157,7 @@ static void swap_warp(const adaptation *work)
 /* ---- the table */
 
 typedef struct adapter {
-    pliant_status (*prepare)(const adaptation *work); /* into made, from data, which stays as it is */
+    pliant_status (*prepare)(const adaptation *work); /* into made, from data, of which the state stays */
     void (*swap)(const adaptation *work);             /* between the two */
 } adapter;
 

@@ -230,7 +230,7 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragment
         const pliant_system *fine = &level->system;
         if (hierarchy->num_levels > 1 && fine->num_free <= largest_direct) break;
         factor = factor_of(fine->mesh->cells);
-        if (!factor && !fine->graded) break;
+        if (!factor && !(fine->graded && fragments)) break;
         hierarchy->num_levels++;
         level->corners = system->macros || fragments ? 8 : 4;
         next->system.mesh = next->system.fine = &next->mesh;
