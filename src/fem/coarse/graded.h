@@ -35,15 +35,13 @@ typedef struct followed {
 /* the coarse cube of a fine tetrahedron */
 static inline int32_t graded_cell_of(const grading *work, int32_t tet) { return work->coarse->lattice_of_tet[work->body->coarse_of_fine[tet]] / 5; }
 
-/* ---- graded.c */
-/* Which fine nodes are in refined cubes, what they follow, and of which that is as it was. */
-void pliant_graded_followers(grading *work);
-
 /* ---- graded_elements.c */
 /* The elements, those at load first. Errors: MEMORY. */
 pliant_status pliant_graded_elements(grading *work);
 
 /* ---- graded_follow.c */
+/* Which fine nodes are in refined cubes, what they follow, and of which that is as it was. */
+void pliant_graded_followers(grading *work);
 /* what a fine node of a coarse element follows, or itself: a fixed one follows what is fixed alone */
 void pliant_graded_follow(const grading *work, int32_t node, followed *out);
 /* The upsampling. Errors: MEMORY. */

@@ -128,3 +128,26 @@ pliant_status pliant_graded_upsample(grading *work)
     upsample->still = work->body->fine_fixed;
     return work->point ? follow_shapes(work, upsample) : follow_linearly(work, upsample);
 }
+
+static void find_alike(grading *work)
+{
+    const pliant_graded *was = work->before->graded, *now = work->graded;
+    const pliant_body *before = work->kept->before->body;
+    const uint8_t *fixed = work->body->fine_fixed;
+    const int32_t nodes = before->fine.num_nodes < work->fine->num_nodes ? before->fine.num_nodes : work->fine->num_nodes;
+    for (int32_t n = 0; n < nodes; n++)
+        work->alike[n] = (was->in_refined[n] != 0) & (was->within[n] == now->within[n]) & (before->fine_fixed[n] == fixed[n]);
+}
+
+void pliant_graded_followers(grading *work)
+{
+    const int32_t *tets = work->fine->tets;
+    pliant_graded *graded = work->graded;
+    memset(graded->within, 0xff, (size_t)work->fine->num_nodes * sizeof *graded->within);
+    for (int32_t i = 0; i < 4 * work->num_tets; i++) graded->in_refined[tets[4 * (size_t)work->tet[i / 4] + (size_t)(i % 4)]] = 1;
+    for (int32_t i = 0; i < 4 * work->num_beside; i++) {
+        const int32_t tet = work->beside[i / 4], node = tets[4 * (size_t)tet + (size_t)(i % 4)];
+        if (graded->in_refined[node] && graded->within[node] < 0) graded->within[node] = tet;
+    }
+    if (work->alike) find_alike(work);
+}
