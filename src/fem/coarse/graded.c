@@ -206,8 +206,6 @@ static pliant_status list_tets(grading *work)
     return status;
 }
 
-/* ---- who follows */
-
 /* ---- what is solved */
 
 /* coarse nodes, then fine ones: as before, but for nodes appended since load, which may be copies of others */
