@@ -1,6 +1,7 @@
 #include "contact/outside.h"
 
 #include "base/fail.h"
+#include "contact/follow.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -271,9 +272,12 @@ static void add_weight(pliant_contact_point *point, int32_t node, double weight)
     point->weight[k] += weight;
 }
 
+/* Sides of a cut are points of fragments, and what is slowed down are nodes: no point of the surface, whatever its corners are. */
 static bool has_corner(const pliant_outside *outside, const pliant_contact_point *point)
 {
+    const int kind = (int)(point->feature >> 56);
     bool any = false;
+    if (point->kind == PLIANT_OBSTACLE_TISSUE && kind != PLIANT_TISSUE_NODE && kind != PLIANT_TISSUE_EDGE) return false;
     for (int32_t k = 0; k < point->count; k++) any = any || outside->tet[point->node[k]] >= 0;
     return any;
 }

@@ -275,6 +275,8 @@ static pliant_status tell_edges(const finding *on, pliant_contacts *out)
 static pliant_status tell_faces(const finding *on, pliant_contacts *out)
 {
     const pliant_tissue *tissue = on->tissue;
+    const pliant_tissue_rule *rule = &on->view.rule;
+    const double *nodes = rule->nodes ? rule->nodes : on->view.positions;
     bool any = false;
     for (int32_t f = 0; f < tissue->num_faces; f++) {
         const int32_t *tets = tissue->body->fine.tets, *tet = tissue->face[f].tet, piece = pliant_tissue_piece_of(&on->view, tets[4 * (size_t)tet[0]]);
@@ -284,13 +286,13 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
         pliant_contact_point *point = append(out);
         if (!point) return pliant_fail_memory("contacts of tissue with tissue");
         point->feature = (uint64_t)PLIANT_TISSUE_CUT << 56 | (uint64_t)tissue->face[f].tet[0] << 28 | (uint64_t)tissue->face[f].tet[1];
-        point->friction = on->view.rule.friction;
-        if (!pliant_cut_face_point(tissue->body, tissue->face + f, on->view.positions, &on->view.rule, &slid, point)) out->count--;
+        point->friction = rule->friction;
+        if (!pliant_cut_face_point(tissue->body, tissue->face + f, nodes, rule, &slid, point)) out->count--;
         tissue->slid[f] = slid;
         any = any || slid;
     }
     if (!any) return PLIANT_OK;
-    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, on->view.positions, &on->view.rule, out);
+    return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, nodes, rule, out);
 }
 
 /* What two nodes may come nearer in a step, by the one before: a step that begins apart must not end deep inside. At most the shortest edge. */
@@ -346,7 +348,7 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
 
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
 {
-    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go};
+    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go, given->nodes};
     const finding on = {.tissue = tissue, .view = pliant_tissue_view_of(tissue, positions, &moving)};
     const int32_t before_all = out->count;
     pliant_status status = pliant_tissue_searched(tissue, positions, &moving) ? PLIANT_OK : search(&on);

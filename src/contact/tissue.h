@@ -97,10 +97,11 @@ struct pliant_tissue_rule {
     double recovery;           /* of how deep tissue lies in tissue as a step begins, at most this is undone [m] */
     double friction;
     double pieces_go;          /* quasi-static: how far pieces that have come off may go in this step, which are looked for so far away [m] */
+    const double *nodes;       /* Nullable: (nodes x 3) where nodes are, by which fragments of a cut are; NULL: as the surface's corners [m] */
 };
 
 /* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID (follow.h).
- * @param positions (nodes x 3) as the step begins [m]. Errors: MEMORY. */
+ * @param positions (nodes x 3) of the surface's corners, as the step begins [m]. Errors: MEMORY. */
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out);
 
 /* From now on; NULL: the CPU. */

@@ -242,7 +242,7 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     const pliant_outside *outside = touches_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovered(model, data),
-                                     .friction = model->scene.contact.friction, .pieces_go = pieces_go};
+                                     .friction = model->scene.contact.friction, .pieces_go = pieces_go, .nodes = data->positions};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
