@@ -365,4 +365,38 @@ TEST(SelfContact, IsOffUnlessItIsAskedFor)
     EXPECT_EQ(positions[0], positions[1]);
 }
 
+// Where tissue ends within the elements that slide, the corners of its surface are points of other elements (outside.h); the sides of what is parted stay those of fragments, and meet at rest.
+TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
+{
+    const int size[3] = {16, 16, 16};
+    const double box[3] = {0.08, 0.08, 0.08};
+    for (const pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Body body(size, box, {{10e3, 0.3, 1000, false}, {10e3, 0.3, 1000, false}, {1, 0, 1, true}}, [](int i, int j, int k) { return 2 * i + j + 3 * k > 66 ? 2 : i + k / 2 + j / 4 >= 11; });
+        body.cells(4, 4, 4, 1);
+        body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+        body.scene.element.kind = kind;
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
+        body.scene.contact.friction = 0;
+        ASSERT_EQ(pliant_scene_set(&body.scene, "material/slides", "m1"), PLIANT_OK);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        for (int step = 0; step < 3; step++) ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
+        const pliant_mesh &fine = body.data->body->fine;
+        int sides = 0;
+        double most = 0;
+        for (int32_t p = 0; p < body.data->contacts.count; p++) {
+            const pliant_contact_point &point = body.data->contacts.point[p];
+            const bool side = point.feature >> 56 == PLIANT_TISSUE_CUT;
+            double gap = 0;
+            ASSERT_LE(point.count, side ? 8 : static_cast<int>(PLIANT_CONTACT_NODES));
+            for (int32_t k = 0; k < point.count; k++)
+                for (int d = 0; d < 3; d++) gap += point.weight[k] * point.normal[d] * fine.rest[3 * point.node[k] + d];
+            if (side) EXPECT_NEAR(gap, 0, 1e-12);
+            sides += side;
+        }
+        for (int32_t n = 0; n < 3 * fine.num_nodes; n++) most = std::fmax(most, std::fabs(body.data->positions[n] - fine.rest[n]));
+        EXPECT_GT(sides, 20);
+        EXPECT_LT(most, 1e-9);
+    }
+}
+
 } // namespace
