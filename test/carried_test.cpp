@@ -1,6 +1,7 @@
 // The preconditioner of a body before, carried over to a next one.
 #include "fem/linear/carried.h"
 #include "base/dense.h"
+#include "blocks.h"
 #include "pipeline/body.h"
 #include "pipeline/fragments.h"
 #include "pliant/memory.h"
@@ -56,22 +57,7 @@ struct Bar {
     }
     const pliant_system &system() const { return *made->system; }
     size_t unknowns() const { return 3 * static_cast<size_t>(system().num_free); }
-    std::vector<double> multiply(const std::vector<double> &x) const
-    {
-        const pliant_pattern &pattern = system().pattern;
-        std::vector<double> y(x.size());
-        const double *at = values.data();
-        for (int32_t column = 0; column < pattern.num_columns; column++)
-            for (int c = 0; c < 3; c++)
-                for (int32_t b = pattern.start[column]; b < pattern.start[column + 1]; b++)
-                    for (int r = b == pattern.start[column] ? c : 0; r < 3; r++) {
-                        const size_t i = 3 * static_cast<size_t>(pattern.row[b]) + static_cast<size_t>(r), j = 3 * static_cast<size_t>(column) + static_cast<size_t>(c);
-                        y[i] += *at * x[j];
-                        if (i != j) y[j] += *at * x[i];
-                        at++;
-                    }
-        return y;
-    }
+    std::vector<double> multiply(const std::vector<double> &x) const { return multiply_blocks(system().pattern, values, x); }
     std::vector<double> solve(const std::vector<double> &x) const
     {
         std::vector<double> y(x.size());

@@ -1,4 +1,5 @@
 // The V-cycle of a model that a cut has gone into, coarse or fine: on the fragments of every level, as quick as before the cut, and it changes no answer.
+#include "../blocks.h"
 #include "body.h"
 #include "base/dense.h"
 #include "fem/linear/hierarchy.h"
@@ -78,22 +79,7 @@ struct Cycle {
         EXPECT_EQ(pliant_preconditioner_numeric(preconditioner, tangents.data()), PLIANT_OK) << pliant_last_error();
     }
     ~Cycle() { pliant_preconditioner_free(preconditioner); }
-    std::vector<double> multiply(const std::vector<double> &x) const
-    {
-        const pliant_pattern &pattern = system.pattern;
-        std::vector<double> y(x.size());
-        const double *at = values.data();
-        for (int32_t column = 0; column < pattern.num_columns; column++)
-            for (int c = 0; c < 3; c++)
-                for (int32_t b = pattern.start[column]; b < pattern.start[column + 1]; b++)
-                    for (int r = b == pattern.start[column] ? c : 0; r < 3; r++) {
-                        const size_t i = 3 * static_cast<size_t>(pattern.row[b]) + static_cast<size_t>(r), j = 3 * static_cast<size_t>(column) + static_cast<size_t>(c);
-                        y[i] += *at * x[j];
-                        if (i != j) y[j] += *at * x[i];
-                        at++;
-                    }
-        return y;
-    }
+    std::vector<double> multiply(const std::vector<double> &x) const { return multiply_blocks(system.pattern, values, x); }
     std::vector<double> solve(const std::vector<double> &x) const
     {
         std::vector<double> y(x.size());

@@ -192,6 +192,21 @@ struct Held {
     std::function<void(pliant_scene &)> set;
 };
 struct EveryHolder : testing::TestWithParam<Held> {
+    Body body{size, box, {{4000, 0.4, 1000, false}}};
+    // the model alone: what a test makes with it, it counts
+    void build(int threads)
+    {
+        body.fix_plane(0, 0, 1e-6, 0, 0, 1);
+        body.cells(7, 6, 6, 1);
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
+        body.scene.solver.iterations = 2;
+        body.scene.solver.threads = threads;
+        body.scene.solver.backend = PLIANT_CPU;
+        GetParam().set(body.scene);
+        ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        pliant_data_free(body.data);
+        body.data = nullptr;
+    }
     // with a slit, and without it again, twenty times; another holds its body and works beside it
     static void slits(Body &body, pliant_data *data, int count)
     {
@@ -209,16 +224,8 @@ struct EveryHolder : testing::TestWithParam<Held> {
 // What the statistics call held is what all of the library holds beyond the model, to the byte, whatever worked beside it.
 TEST_P(EveryHolder, TellsItsOwnBytes)
 {
-    Body body(size, box, {{4000, 0.4, 1000, false}});
-    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
-    body.cells(7, 6, 6, 1);
-    body.scene.cut.kind = PLIANT_CUT_SEVER;
-    body.scene.solver.iterations = 2;
-    body.scene.solver.backend = PLIANT_CPU;
-    GetParam().set(body.scene);
-    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    pliant_data_free(body.data);
-    body.data = nullptr;
+    build(2);
+    if (HasFatalFailure()) return;
     const size_t before = pliant_memory_in_use();
     const auto held = [&] { // the background works on after a step
         size_t bytes = pliant_memory_in_use() - before;
@@ -287,17 +294,8 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
 {
     const char *const asked = std::getenv("PLIANT_CUTS");
     const int rounds = std::max((asked ? std::atoi(asked) : 400) / 100, 2);
-    Body body(size, box, {{4000, 0.4, 1000, false}});
-    body.fix_plane(0, 0, 1e-6, 0, 0, 1);
-    body.cells(7, 6, 6, 1);
-    body.scene.cut.kind = PLIANT_CUT_SEVER;
-    body.scene.solver.iterations = 2;
-    body.scene.solver.threads = 1; // no others keep anything
-    body.scene.solver.backend = PLIANT_CPU;
-    GetParam().set(body.scene);
-    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-    pliant_data_free(body.data);
-    body.data = nullptr;
+    build(1); // no other threads keep anything
+    if (HasFatalFailure()) return;
     const size_t before = pliant_memory_in_use();
     double left[2];
     int taken[2] = {0, 0};

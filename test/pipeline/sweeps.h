@@ -5,6 +5,7 @@
 #include "sheet.h"
 #include "solids.h"
 
+#include <cstdio>
 #include <cstdlib>
 #include <random>
 #include <vector>
@@ -136,6 +137,36 @@ private:
 inline bool is_through(const Swept &swept, const Way &on)
 {
     return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * on.beyond || !(swept.carried < 0.1);
+}
+
+// As many of them as PLIANT_SWEEPS says, or `otherwise`, from PLIANT_SWEEPS_FIRST on, at PLIANT_SWEEPS_SPEED m/s: a line for each that gets through, turns elements inside out or is left
+// deep in tissue, as soon as it is known, and one in the end. Those into what is held do not count. How many get through.
+inline int count_swept_through(int otherwise, Mode mode)
+{
+    const int count = number_from("PLIANT_SWEEPS", otherwise), first = number_from("PLIANT_SWEEPS_FIRST", 0);
+    Sweeps sweeps;
+    int through = 0, turned = 0, held = 0;
+    double deepest = 0;
+    for (int n = 0; n < count; n++) {
+        Way on = sweeps.next();
+        if (n < first) continue;
+        on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
+        const Swept swept = sweep(on, mode);
+        const bool passes = is_through(swept, on);
+        if (passes || swept.deepest > 2e-4 || swept.turned > 0)
+            std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
+                        1e3 * swept.deepest, swept.turned, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
+        std::fflush(stdout);
+        held += swept.meets_held;
+        if (swept.meets_held) continue;
+        through += passes;
+        turned += swept.turned > 0;
+        deepest = std::fmax(deepest, swept.deepest);
+    }
+    std::printf("from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", first, count, count - first - held, held, through, turned,
+                1e3 * deepest);
+    std::fflush(stdout);
+    return through;
 }
 
 #endif

@@ -246,7 +246,9 @@ static void middle_of(const pliant_rigid *body, const double inverse[9], double 
 static bool substep(pliant_rigid *body, const double inverse[9], const double gravity[3], double step, double part, double length, int num_pulls,
                     pliant_rigid_pull *pulls, const pliant_rigid_walls *around)
 {
-    const double drag = 5; /* [1/s] of what touches something, as explicit dynamics has it (tled/damping): tissue is no pendulum */
+    /* [1/s] of what is pulled or touches something: a rigid piece has none of the losses of the tissue that it is, and would swing and rock on. What tled/damping
+     * is by default; that option itself is of explicit dynamics, where pieces are tissue, and no setting of scenes that have rigid ones. */
+    const double drag = 5;
     moving now = {.inverse_mass = 1 / body->mass};
     spring springs[PLIANT_RIGID_PULLS];
     contact contacts[MOST_CONTACTS];
