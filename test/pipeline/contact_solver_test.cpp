@@ -175,7 +175,7 @@ TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
 // A sphere of 1 m that is pressed 0.1 mm into a block of 40 x 40 x 20 mm on the ground, friction 0.3, and moved aside by 0.02 mm, so that it slips at the
 // border and sticks within (Mindlin). CalculiX 2.20: C3D8I, *STATIC without NLGEOM, the sphere a cap of C3D8 that is moved, surface to surface with
 // pressure-overclosure LINEAR of 50 N/mm^3 and as much stick slope, E = 1 N/mm^2, nu 0.3. With 8 and 12 elements along: 2.5214 and 2.4288 N pressed,
-// 0.31263 and 0.30513 N aside, which go on as squares of the element's size to 2.355 and 0.299 N. The decks' press
+// 0.31263 and 0.30513 N aside, which go on as squares of the element's size to 2.355 and 0.299 N. The deck
 // with 8 elements is made and solved by test/calculix_test.py, where ccx is installed. Pliant has to be as near as its own meshes are apart.
 TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
 {
