@@ -1,4 +1,5 @@
-// The demonstration scenes of explicit dynamics, on a small phantom: the liver hangs, and falls.
+// Demonstration scenes: of explicit dynamics, on a small phantom, where the liver hangs, and falls; of all that touches, on a CT.
+#include "contact/follow.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
 
@@ -7,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <sys/stat.h>
 
 namespace {
 
@@ -33,9 +35,9 @@ struct SceneRun {
         pliant_labels_free(&labels);
         pliant_volume_free(&scan);
     }
-    pliant_status build()
+    pliant_status build(const char *of = "phantom:64x48x48")
     {
-        pliant_status status = pliant_inputs_read(&scene, "phantom:64x48x48", &scan, &labels, &table);
+        pliant_status status = pliant_inputs_read(&scene, of, &scan, &labels, &table);
         if (status == PLIANT_OK) status = pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model);
         return status == PLIANT_OK ? pliant_data_create(model, &data) : status;
     }
@@ -112,6 +114,48 @@ TEST(Scenes, TheSoftLiverHangsAndFalls)
     fall.heights(&lowest[2], &mean[2]);
     EXPECT_NEAR(lowest[2], 0.02, 1e-9);
     EXPECT_LT(mean[2], mean[0]);
+}
+
+// In steps of 0.1 s: tissue touches the probe, the box, what it slides along, and by its outside what there was a gap to.
+TEST(Scenes, OrgansTouchToolsAndObstaclesAndEachOther)
+{
+    struct stat file;
+    if (stat(PLIANT_TEST_DATA "/abdomen/ct.nii.gz", &file) != 0) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
+    SceneRun run("organs_ct");
+    pliant_path path{};
+    ASSERT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/organs_ct.yaml", &run.scene), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_scene_set(&run.scene, "material/labels", PLIANT_TEST_DATA "/abdomen/labels_totalseg_fast.nii.gz"), PLIANT_OK);
+    ASSERT_EQ(pliant_path_read(PLIANT_SOURCE_DIR "/launch/scenes/organs_ct_path.yaml", &path), PLIANT_OK) << pliant_last_error();
+    run.scene.solver.step = 0.1;
+    run.scene.solver.threads = 1;
+    pliant_scene_for_shapes(&run.scene);
+    ASSERT_EQ(run.build(PLIANT_TEST_DATA "/abdomen/ct.nii.gz"), PLIANT_OK) << pliant_last_error();
+    int tool = -1, of_tool = 0, of_box = 0, of_cut = 0, of_outside = 0;
+    ASSERT_EQ(pliant_tool_add(run.model, run.data, "probe", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(run.data, tool, &path.tools[0].shape), PLIANT_OK);
+    for (int step = 0; step <= std::lround(pliant_path_end(&path) / run.scene.solver.step); step++) {
+        double position[3], rotation[4];
+        ASSERT_TRUE(pliant_path_pose_at(path.tools, step * run.scene.solver.step, position, rotation));
+        ASSERT_EQ(pliant_tool_set_pose(run.data, tool, position, rotation), PLIANT_OK);
+        EXPECT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << step << ": " << pliant_last_error();
+        EXPECT_EQ(pliant_data_get_inverted(run.data), 0) << step;
+        of_tool = of_box = of_cut = of_outside = 0;
+        for (int32_t p = 0; p < run.data->contacts.count; p++) {
+            const pliant_contact_point &point = run.data->contacts.point[p];
+            const int kind = static_cast<int>(point.feature >> 56);
+            const double pressed = point.force[0] * point.normal[0] + point.force[1] * point.normal[1] + point.force[2] * point.normal[2];
+            if (!(pressed > 1e-6)) continue;
+            of_tool += point.kind == PLIANT_OBSTACLE_TOOL;
+            of_box += point.kind == PLIANT_OBSTACLE_GROUND;
+            of_cut += point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_CUT || kind == PLIANT_TISSUE_SLID);
+            of_outside += point.kind == PLIANT_OBSTACLE_TISSUE && (kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE);
+        }
+    }
+    EXPECT_GT(of_tool, 0);
+    EXPECT_GT(of_box, 0) << "the stomach on the box";
+    EXPECT_GT(of_cut, 0) << "what slides";
+    EXPECT_GT(of_outside, 0) << "what had a gap between";
+    pliant_path_free(&path);
 }
 
 } // namespace
