@@ -13,12 +13,13 @@ struct Hollow : Body {
     int tool = -1;
     double tip[3] = {4 * h, h, 6 * h};
 
-    explicit Hollow(bool dynamic, bool self = true)
-        : Body(std::vector<int>{8, 2, 6}.data(), std::vector<double>{8 * h, 2 * h, 6 * h}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
-               [](int i, int, int k) { return i >= 2 && i < 6 && k >= 2 && k < 4; })
+    explicit Hollow(bool dynamic, bool self = true, pliant_method method = PLIANT_FINE, int ratio = 1)
+        : Body(std::vector<int>{16, 4, 12}.data(), std::vector<double>{8 * h, 2 * h, 6 * h}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+               [](int i, int, int k) { return i >= 4 && i < 12 && k >= 4 && k < 8; })
     {
         fix_plane(0, 0, 1e-6, 0, 0, 1);
-        cells(8, 2, 6, 1);
+        cells(8, 2, 6, ratio);
+        scene.model.method = method;
         scene.contact.self = self;
         scene.contact.friction = 0.2;
         if (dynamic) {
@@ -49,6 +50,7 @@ struct Hollow : Body {
             const double *x[4];
             bool in = true;
             for (int v = 0; v < 4; v++) x[v] = data->positions + 3 * mesh.tets[4 * t + v];
+            for (int d = 0; d < 3 && in; d++) in = std::max({x[0][d], x[1][d], x[2][d], x[3][d]}) >= p[d] && std::min({x[0][d], x[1][d], x[2][d], x[3][d]}) <= p[d];
             for (int v = 0; v < 4 && in; v++) {
                 double e[3][3], side[2] = {0, 0};
                 for (int d = 0; d < 3; d++) {
@@ -112,6 +114,49 @@ TEST(Hollow, GoesIntoItselfWithoutSelfContact)
     for (int s = 0; s < 26; s++) hollow.squeeze(5e-4);
     hollow.volumes(&open, &twice);
     EXPECT_GT(twice, 0.05);
+}
+
+// Tissue of coarse methods lies in tissue no more than that of the fine mesh does, half as much again allowed, and what one side of a point gives the other takes: forces to rounding,
+// their moments by how deep points are.
+TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
+{
+    double of_fine = 0;
+    for (const pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED}) {
+        Hollow hollow(false, true, method, 2);
+        double open = 0, twice = 0, most = 0, force[3] = {0, 0, 0}, moment[3] = {0, 0, 0}, size = 0;
+        int points = 0;
+        for (int s = 0; s < 26; s++) {
+            hollow.squeeze(5e-4);
+            EXPECT_LT(hollow.data->statistics.penetration, 0.001 * h) << method << ", " << s;
+            if (s % 3 != 1 || s < 19) continue;
+            hollow.volumes(&open, &twice);
+            most = std::fmax(most, twice);
+        }
+        for (int32_t p = 0; p < hollow.data->contacts.count; p++) {
+            const pliant_contact_point &point = hollow.data->contacts.point[p];
+            if (point.kind != PLIANT_OBSTACLE_TISSUE) continue;
+            points++;
+            for (int32_t k = 0; k < point.count; k++) {
+                const double *x = hollow.data->positions + 3 * point.node[k];
+                for (int d = 0; d < 3; d++) {
+                    force[d] += point.weight[k] * point.force[d];
+                    size += std::fabs(point.weight[k] * point.force[d]);
+                    moment[d] += point.weight[k] * (x[(d + 1) % 3] * point.force[(d + 2) % 3] - x[(d + 2) % 3] * point.force[(d + 1) % 3]);
+                }
+            }
+        }
+        std::printf("method %d: %.4f open, %.4f twice, %d points, %.3g N\n", method, open, most, points, size);
+        if (method == PLIANT_FINE) of_fine = most;
+        EXPECT_LE(most, 1.5 * of_fine) << method;
+        EXPECT_LT(most, 0.008) << method;
+        EXPECT_LT(open, 0.1) << method;
+        EXPECT_GT(points, 20) << method;
+        EXPECT_GT(size, 0.1) << method;
+        for (int d = 0; d < 3; d++) {
+            EXPECT_LT(std::fabs(force[d]), 1e-12 * size) << method;
+            EXPECT_LT(std::fabs(moment[d]), 2e-3 * h * size) << method;
+        }
+    }
 }
 
 } // namespace

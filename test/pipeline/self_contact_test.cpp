@@ -140,10 +140,11 @@ TEST(SelfContact, WhatSlidesMustBeThere)
 
 // A block of 20 mm stands on a plate, another hangs 10 mm above it from a plate. What is cut off the upper one falls on the lower one.
 struct Drop : Body {
-    explicit Drop(pliant_cut_kind kind, double friction = 0.3)
-        : Body(size, box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k >= 8 && k < 12; })
+    explicit Drop(pliant_cut_kind kind, double friction = 0.3, pliant_method method = PLIANT_FINE, int ratio = 1)
+        : Body(std::vector<int>{6 * ratio, 6 * ratio, 24 * ratio}.data(), box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [ratio](int, int, int k) { return k >= 8 * ratio && k < 12 * ratio; })
     {
-        cells(3, 3, 12, 1);
+        cells(3, 3, 12, ratio);
+        scene.model.method = method;
         scene.solver.threads = 1;
         fix_plane(0, 0, 1e-4, 0, 0, 1);
         fix_plane(0, 0, box[2] - 1e-4, 0, 0, -1);
@@ -196,10 +197,8 @@ struct Drop : Body {
         }
         return sum;
     }
-    static constexpr int size[3] = {6, 6, 24};
     static constexpr double box[3] = {0.015, 0.015, 0.06};
 };
-constexpr int Drop::size[3];
 constexpr double Drop::box[3];
 
 TEST(SelfContact, WhatIsCutOffComesToRestOnWhatIsBelowIt)
@@ -215,6 +214,27 @@ TEST(SelfContact, WhatIsCutOffComesToRestOnWhatIsBelowIt)
         EXPECT_LT(drop.data->statistics.penetration, 1e-4);
         EXPECT_GT(drop.lowest(0), 0.019) << "the lower block gives way";
         EXPECT_LT(drop.lowest(0), 0.020);
+    }
+}
+
+// On a block of any coarse method it comes to lie as on the fine mesh, with its weight, which the block takes.
+TEST(SelfContact, WhatIsCutOffLandsOnCoarseMeshesToo)
+{
+    double of_fine = 0;
+    for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED}) {
+        Drop drop(PLIANT_CUT_SEVER, 0.3, method, 2);
+        drop.cut(0.0437);
+        ASSERT_TRUE(drop.data->body->pieces) << method;
+        ASSERT_EQ(drop.data->body->pieces->count, 1) << method;
+        drop.run(30);
+        const double weight = drop.mass(0) * 9.81, deep = drop.data->statistics.penetration;
+        std::printf("method %d: piece at %.5f mm, %.3g mm deep, force %.6f of its weight\n", method, 1e3 * drop.lowest(0), 1e3 * deep, drop.force(0) / weight);
+        if (method == PLIANT_FINE) of_fine = deep;
+        EXPECT_NEAR(drop.force(0), weight, 0.001 * weight) << method;
+        for (int axis = 0; axis < 3; axis++) EXPECT_NEAR(drop.force(-1, axis), -drop.force(0, axis), 1e-9) << method;
+        EXPECT_LE(deep, 1.5 * std::fmax(of_fine, 1e-7)) << method;
+        EXPECT_GT(drop.lowest(0), 0.019) << method;
+        EXPECT_LT(drop.lowest(0), 0.020) << method;
     }
 }
 
