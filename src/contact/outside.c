@@ -2,6 +2,7 @@
 
 #include "base/fail.h"
 #include "contact/follow.h"
+#include "contact/tissue.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -159,29 +160,108 @@ static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t 
     return normal;
 }
 
-/* triangles: (count x 3) of the body at load */
-static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles)
+/* Where tissue ends: from each node along a normal. */
+typedef struct ends {
+    double (*unit)[3];         /* (nodes) */
+    double *way;               /* (nodes) [m]; 0: the node itself */
+} ends;
+
+static void free_ends(ends *found)
+{
+    pliant_free(found->unit);
+    pliant_free(found->way);
+}
+
+/* triangles: (count x 3) of the body at load. What it finds is freed by the caller, in any case. */
+static pliant_status find_ends(const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles, ends *found)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
     const double reach = farthest * fmin(mesh->cell_size[0], fmin(mesh->cell_size[1], mesh->cell_size[2]));
     double *normal = normals_of(mesh, count, triangles);
     uint8_t *parted = normal ? parted_by(voxels->load) : NULL;
-    outside->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->tet_at_load);
-    outside->share = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->share);
-    const bool good = parted && outside->tet_at_load && outside->share;
+    found->unit = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->unit);
+    found->way = pliant_calloc((size_t)mesh->num_nodes, sizeof *found->way);
+    const bool good = parted && found->unit && found->way;
     for (int32_t n = 0; good && n < mesh->num_nodes; n++) {
         const double *x = normal + 3 * (size_t)n, length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
-        double unit[3], at[3];
-        outside->tet_at_load[n] = -1;
         if (!parted[n] || !(length > 0)) continue;
-        for (int d = 0; d < 3; d++) unit[d] = x[d] / length;
-        const double way = way_to_tissue(voxels, mesh->rest + 3 * n, unit, reach);
-        for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + way * unit[d];
-        if (way != 0) outside->tet_at_load[n] = pliant_mesh_locate(mesh, at, outside->share[n]);
+        for (int d = 0; d < 3; d++) found->unit[n][d] = x[d] / length;
+        found->way[n] = way_to_tissue(voxels, mesh->rest + 3 * n, found->unit[n], reach);
     }
     pliant_free(parted);
     pliant_free(normal);
     return good ? PLIANT_OK : no_memory();
+}
+
+static void set_corner(pliant_outside *outside, const pliant_mesh *mesh, const ends *found, int32_t n)
+{
+    double at[3];
+    for (int d = 0; d < 3; d++) at[d] = mesh->rest[3 * n + d] + found->way[n] * found->unit[n][d];
+    outside->tet_at_load[n] = found->way[n] != 0 ? pliant_mesh_locate(mesh, at, outside->share[n]) : -1;
+}
+
+/* Corners at rest that lie in tissue, or on edges that cross, and those of what they are in. out: (nodes) set for those. *any: some of them are not their nodes. */
+static pliant_status find_overlaps(const pliant_outside *outside, const pliant_outside_voxels *voxels, const ends *found, pliant_tissue *tissue, double *positions, uint8_t *out,
+                                    bool *any)
+{
+    const pliant_mesh *mesh = &voxels->load->fine;
+    const pliant_tissue_rule rule = {.margin = 0};
+    pliant_contacts points = {.count = 0};
+    for (int32_t n = 0; n < mesh->num_nodes; n++)
+        for (int d = 0; d < 3; d++) positions[3 * (size_t)n + (size_t)d] = mesh->rest[3 * n + d] + (outside->tet_at_load[n] >= 0 ? found->way[n] * found->unit[n][d] : 0);
+    pliant_tissue_forget(tissue);
+    const pliant_status status = pliant_tissue_find(tissue, positions, &rule, &points);
+    for (int32_t p = 0; status == PLIANT_OK && p < points.count; p++) {
+        const pliant_contact_point *point = points.point + p;
+        const int kind = (int)(point->feature >> 56);
+        for (int32_t k = 0; (kind == PLIANT_TISSUE_NODE || kind == PLIANT_TISSUE_EDGE) && k < point->count; k++) {
+            *any = *any || outside->tet_at_load[point->node[k]] >= 0;
+            out[point->node[k]] = 1;
+        }
+    }
+    pliant_free(points.point);
+    return status;
+}
+
+/* Halves the ways of corners where the surface goes through itself at rest until it does not; the mesh's own faces never do. */
+static pliant_status keep_apart(pliant_outside *outside, const pliant_outside_voxels *voxels, ends *found)
+{
+    enum { ROUNDS = 8, HALVED = 3 }; /* what is not apart by then: the nodes themselves */
+    const pliant_mesh *mesh = &voxels->load->fine;
+    pliant_tissue tissue = {.body = NULL};
+    double *positions = pliant_calloc(3 * (size_t)mesh->num_nodes, sizeof *positions);
+    uint8_t *overlaps = pliant_calloc((size_t)mesh->num_nodes, 1);
+    pliant_status status = positions && overlaps ? pliant_tissue_set_body(&tissue, voxels->load, outside->solid_at_load, voxels->threads) : no_memory();
+    bool any = status == PLIANT_OK && tissue.num_skins > 0;
+    for (int round = 0; any && round < ROUNDS; round++) {
+        any = false;
+        status = find_overlaps(outside, voxels, found, &tissue, positions, overlaps, &any);
+        any = any && status == PLIANT_OK;
+        for (int32_t n = 0; any && n < mesh->num_nodes; n++) {
+            if (!overlaps[n] || outside->tet_at_load[n] < 0) continue;
+            found->way[n] = round < HALVED ? found->way[n] / 2 : 0;
+            set_corner(outside, mesh, found, n);
+            overlaps[n] = 0;
+        }
+    }
+    pliant_tissue_free(&tissue);
+    pliant_free(overlaps);
+    pliant_free(positions);
+    return status;
+}
+
+/* triangles: (count x 3) of the body at load */
+static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles)
+{
+    const pliant_mesh *mesh = &voxels->load->fine;
+    ends found = {NULL, NULL};
+    outside->tet_at_load = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->tet_at_load);
+    outside->share = pliant_calloc((size_t)mesh->num_nodes, sizeof *outside->share);
+    pliant_status status = outside->tet_at_load && outside->share ? find_ends(voxels, count, triangles, &found) : no_memory();
+    for (int32_t n = 0; status == PLIANT_OK && n < mesh->num_nodes; n++) set_corner(outside, mesh, &found, n);
+    if (status == PLIANT_OK && voxels->touches_itself) status = keep_apart(outside, voxels, &found);
+    free_ends(&found);
+    return status;
 }
 
 /* ---- of a body */

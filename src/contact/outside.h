@@ -3,7 +3,8 @@
  * The surface that touches is that of tetrahedra which tissue fills at least half (and, where it fills none around, of those that it fills less); its corners
  * are moved along the surface's normal to where the voxels' tissue ends, no further than a cube,
  * unless the elements around are full or empty. There they are points of a tetrahedron, and go with it; a
- * contact found there pushes at that one's nodes. */
+ * contact found there pushes at that one's nodes. Where the surface would so go through itself at rest, and touches itself, its corners stay nearer to
+ * their nodes. */
 #ifndef PLIANT_CONTACT_OUTSIDE_H
 #define PLIANT_CONTACT_OUTSIDE_H
 
@@ -21,6 +22,8 @@ typedef struct pliant_outside_voxels {
     const pliant_geometry *geometry;
     const uint8_t *material_of_voxel;
     const pliant_material_table *materials;
+    bool touches_itself;       /* tissue touches tissue */
+    int threads;
 } pliant_outside_voxels;
 
 /* All zero: of no body. */

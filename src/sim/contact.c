@@ -256,7 +256,8 @@ static pliant_status choose_surface(const pliant_model *model, pliant_data *data
     *body = data->body;
     *positions = data->positions;
     if (!touches_within_elements(model)) return PLIANT_OK;
-    const pliant_outside_voxels voxels = {model->body, &model->scan->geometry, model->material_of_voxel, &model->materials};
+    const pliant_outside_voxels voxels = {.load = model->body, .geometry = &model->scan->geometry, .material_of_voxel = model->material_of_voxel, .materials = &model->materials,
+                                          .touches_itself = touches_itself(model), .threads = data->discretization->system->num_threads};
     pliant_status status = pliant_outside_set_body(outside, &voxels, data->body);
     if (status != PLIANT_OK) return status;
     pliant_outside_place(outside, data->positions);
