@@ -8,11 +8,7 @@
 
 namespace {
 
-#ifdef PLIANT_SANITIZED
-const int fewest_strokes = 5;
-#else
 const int fewest_strokes = 18;
-#endif
 
 int number_from(const char *name, int otherwise)
 {
