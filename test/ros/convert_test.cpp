@@ -438,10 +438,16 @@ TEST(Convert, WrenchOfAToolIsThatOfGraspAndContact)
     tool.contact_torque[2] = 3;
     tool_wrench(tool, force, torque);
     EXPECT_EQ(force[0], 2);
-    tool.holding = true;
-    tool_wrench(tool, force, torque);
-    EXPECT_EQ(force[0], 3);
     EXPECT_EQ(torque[2], 3);
+    for (bool pliant_tool_state::*acts : {&pliant_tool_state::holding, &pliant_tool_state::cutting}) {
+        tool.*acts = true; // what it holds draws at it, and what it cuts resists it
+        tool_wrench(tool, force, torque);
+        EXPECT_EQ(force[0], 3);
+        EXPECT_EQ(torque[2], 3);
+        tool.*acts = false;
+    }
+    tool_wrench(tool, force, torque);
+    EXPECT_EQ(force[0], 2);
 }
 
 TEST(Convert, ForceArrowStartsAtTheTip)
