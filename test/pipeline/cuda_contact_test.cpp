@@ -1,5 +1,4 @@
 // Contact on the GPU against the CPU's: tools that press and slide, tissue on tissue, blocks that fall. Skipped without a GPU.
-#include "../../cuda/tissue.h"
 #include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/pieces.h"
@@ -234,54 +233,6 @@ TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
     }
 }
 
-struct Fall : Body {
-    // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
-    Fall(int blocks, bool self, bool still, pliant_backend_choice backend)
-        : Body(std::vector<int>{6, 6, 2 * (3 * blocks - 1)}.data(), std::vector<double>{0.03, 0.03, 0.01 * (3 * blocks - 1)}.data(),
-               {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; })
-    {
-        cells(3, 3, 3 * blocks - 1, 1);
-        scene.solver.kind = PLIANT_TLED;
-        scene.solver.backend = backend;
-        scene.solver.step = 0.01;
-        scene.contact.self = self;
-        scene.contact.friction = 0.4;
-        scene.tled.quasi_static = still;
-        scene.tled.relaxation_steps = 2000;
-        scene.tled.damping = 20;
-        scene.model.gravity[0] = 1;
-        scene.model.gravity[2] = -9.81;
-        if (still) {
-            scene.solver.tolerance = 1e-4;
-            fix_plane(0, 0, 1e-6, 0, 0, 1);
-        } else {
-            scene.ground.normal[2] = 1;
-            scene.ground.point[2] = self ? 0 : -10; // what falls is allowed
-        }
-        if (!still && !self) {
-            scene.obstacles.num_planes = 1;
-            scene.obstacles.planes[0] = {{0, 0, -0.002}, {0, 0, 1}};
-        }
-    }
-    pliant_status begin()
-    {
-        const pliant_status status = build();
-        int tool;
-        if (status != PLIANT_OK) return status;
-        const pliant_tool_shape shape = shape_of(PLIANT_PART_SPHERE, 0.008);
-        pliant_tool_add(model, data, "ball", &tool);
-        return pliant_tool_set_shape(data, tool, &shape);
-    }
-    bool strikes = false;
-    pliant_status step(int s)
-    {
-        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), slow[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
-        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)}, *tip = strikes ? fast : slow; // 0.9 m/s
-        EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
-        return pliant_step(model, data);
-    }
-};
-
 // Stresses are of single precision on a GPU: weight that is another by 6e-8 makes 1.5e-7 of forces and 7e-8 of the way on the CPU, and less in a relaxation.
 TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
 {
@@ -325,42 +276,6 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
         EXPECT_EQ(std::memcmp(gpu.data->positions, again.data->positions, 3 * sizeof(double) * static_cast<size_t>(gpu.model->body->fine.num_nodes)), 0);
     }
 }
-
-// Where tissue touches tissue, by the CPU and by the GPU from the same positions: the same points, to the bit.
-struct Searches {
-    pliant_tissue of[2] = {};
-    pliant_contacts found[2] = {};
-    Searches() { pliant_tissue_set_searcher(of + 1, &pliant_cuda_tissue_searcher); }
-    Searches(const Searches &) = delete;
-    Searches &operator=(const Searches &) = delete;
-    ~Searches()
-    {
-        for (int k = 0; k < 2; k++) {
-            pliant_tissue_free(of + k);
-            pliant_free(found[k].point);
-        }
-    }
-    // how many points
-    int32_t compare(const pliant_body *body, const double *positions, const pliant_tissue_rule &rule)
-    {
-        for (int k = 0; k < 2; k++) {
-            found[k].count = 0;
-            EXPECT_EQ(pliant_tissue_set_body(of + k, body, nullptr, 1), PLIANT_OK) << pliant_last_error();
-            EXPECT_EQ(pliant_tissue_find(of + k, positions, &rule, found + k), PLIANT_OK) << pliant_last_error();
-        }
-        EXPECT_NE(of[1].searcher_state, nullptr) << "the GPU has not searched";
-        EXPECT_EQ(of[0].num_overlaps, of[1].num_overlaps);
-        EXPECT_EQ(found[0].count, found[1].count);
-        for (int32_t p = 0; p < std::min(found[0].count, found[1].count); p++) {
-            const pliant_contact_point &a = found[0].point[p], &b = found[1].point[p];
-            const bool same = a.feature == b.feature && a.count == b.count && std::equal(a.node, a.node + a.count, b.node) &&
-                              std::equal(a.weight, a.weight + a.count, b.weight) && std::equal(a.normal, a.normal + 3, b.normal) &&
-                              std::equal(a.place, a.place + 3, b.place) && a.area == b.area;
-            EXPECT_TRUE(same) << "point " << p << " of " << found[0].count;
-        }
-        return found[0].count;
-    }
-};
 
 TEST(CudaContact, FindsWhatTheCpuFinds)
 {
@@ -444,47 +359,6 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
     }
 }
 
-// A block stands on a plate, another hangs 10 mm above it; what is cut off the upper one falls on the lower one, or on the ground, where a ball presses it.
-struct Drop : Body {
-    explicit Drop(bool pressed, pliant_backend_choice backend)
-        : Body(std::vector<int>{6, 6, 24}.data(), std::vector<double>{0.015, 0.015, 0.06}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
-               [](int, int, int k) { return k >= 8 && k < 12; }),
-          presses(pressed)
-    {
-        cells(3, 3, 12, 1);
-        fix_plane(0, 0, 1e-4, 0, 0, 1);
-        fix_plane(0, 0, 0.0599, 0, 0, -1);
-        scene.model.gravity[2] = -9.81;
-        scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
-        scene.contact.self = true;
-        scene.contact.friction = 0.3;
-        scene.warp.margin = 1;
-        scene.solver.backend = backend;
-        scene.solver.preconditioner = PLIANT_DIRECT;
-        scene.solver.iterations = 100;
-        scene.solver.tolerance = 1e-9;
-        scene.ground.normal[2] = 1;
-        scene.ground.point[2] = pressed ? 0.022 : -1;
-    }
-    pliant_status begin()
-    {
-        const double corners[6] = {-0.01, -0.01, 0.0437, 0.03, -0.01, 0.0437}, across[3] = {0, 0.04, 0};
-        const pliant_tool_shape ball = shape_of(PLIANT_PART_SPHERE, 0.004);
-        int tool;
-        pliant_status status = build();
-        if (status == PLIANT_OK) status = pliant_data_cut(model, data, 2, corners, across, nullptr);
-        if (status == PLIANT_OK && presses) status = pliant_tool_add(model, data, "ball", &tool);
-        return status == PLIANT_OK && presses ? pliant_tool_set_shape(data, tool, &ball) : status;
-    }
-    // lands, and is pressed by 2 mm then
-    void move(int s)
-    {
-        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::max(0, std::min(s - 20, 20))};
-        if (presses) EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
-    }
-    const bool presses;
-};
-
 // how pieces go is the host's, too
 void take_over_pieces(const pliant_falling *from, pliant_falling *to)
 {
@@ -545,6 +419,123 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
         EXPECT_NEAR(bears, weight + presses, 0.01 * bears);
         EXPECT_EQ(pressed, presses > 0.05);
     }
+}
+
+// Eight tools press at once, one of which jumps, one spins, and one is told a pose that is none, which is refused.
+TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
+{
+    NEEDS_GPU();
+    Block cpu(cases[0], PLIANT_CPU), gpu(cases[0], PLIANT_CUDA);
+    Apart apart;
+    for (int s = 0; s <= 9; s++)
+        for (Block *body : {&cpu, &gpu}) {
+            if (s == 0) ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+            for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+                const double x = 0.0083 + 0.0137 * (t % 4), y = 0.0112 + 0.0171 * (t / 4), half = t == 5 ? 0.4 * s : 0; // from 1 mm above to 2 mm in
+                const double tip[3] = {t == 3 && s > 0 && s < 5 ? x + 0.3 : x, y, 5 * h + 0.005 - 3e-4 * (s + 1)}, none[3] = {x, NAN, 0}, turn[4] = {0, 0, std::sin(half), std::cos(half)};
+                if (s == 0) body->add(("tool" + std::to_string(t)).c_str(), t == 5 ? PLIANT_PART_CAPSULE : PLIANT_PART_SPHERE, 0.004, x, y);
+                if (t == 6 && s == 4) EXPECT_EQ(pliant_tool_set_pose(body->data, t, none, nullptr), PLIANT_ERROR_ARGUMENT);
+                else ASSERT_EQ(pliant_tool_set_pose(body->data, t, tip, turn), PLIANT_OK);
+            }
+            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+            if (body == &gpu) apart.take(cpu, gpu);
+        }
+    std::printf("eight tools: %d contacts, a node's force %.1e of %.2g N apart, positions %.1e of %.2g m\n", gpu.data->statistics.contacts, apart.forces / apart.force, apart.force,
+                apart.positions, apart.moved);
+    EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_tool_state here, there;
+        ASSERT_EQ(pliant_tool_get(cpu.data, t, &here), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_get(gpu.data, t, &there), PLIANT_OK);
+        EXPECT_LT(there.contact_force[2], -0.01) << t;
+        EXPECT_NEAR(there.contact_force[2], here.contact_force[2], 0.01 * std::fabs(here.contact_force[2])) << t;
+    }
+    EXPECT_GT(apart.moved, 1e-3);
+    EXPECT_LT(apart.positions, 1e-3 * apart.moved);
+}
+
+// Jaws close on tissue and pull it up by 4 mm (grasp_test).
+TEST(CudaContact, JawsHoldAsOnTheCpu)
+{
+    NEEDS_GPU();
+    const auto on = [](pliant_backend_choice backend) { return [backend](pliant_scene &scene) { scene.solver.backend = backend; }; };
+    Tongue cpu(0.5, on(PLIANT_CPU)), gpu(0.5, on(PLIANT_CUDA));
+    Apart apart;
+    for (int s = 0; s < 24; s++) {
+        const double up = s < 5 ? 0.03 - 0.0075 * s : s < 20 ? 0 : 0.001 * (s - 19), jaw = 0.7 - 0.5 * std::min(std::max(s - 4, 0), 12) / 12;
+        for (Tongue *body : {&cpu, &gpu}) body->go(up, jaw);
+        apart.take(cpu, gpu);
+    }
+    std::printf("jaws: %d contacts, lifted %.3f and %.3f mm with %.4f and %.4f N, positions %.1e of %.2g m apart\n", gpu.data->statistics.contacts, 1e3 * cpu.lifted(), 1e3 * gpu.lifted(),
+                cpu.force(), gpu.force(), apart.positions, apart.moved);
+    EXPECT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
+    EXPECT_GT(gpu.least_volume(), 0);
+    EXPECT_LT(gpu.deepest(), 2e-4);
+    EXPECT_GT(gpu.lifted(), 0.001);
+    EXPECT_NEAR(gpu.lifted(), cpu.lifted(), 0.05 * cpu.lifted());
+    EXPECT_NEAR(gpu.force(), cpu.force(), 0.05 * std::fabs(cpu.force()));
+}
+
+// [C] 5.2, of blocks that overlap as they fall on: with its delay on the GPU; without, overlaps are looked for in every sub-step, which is the CPU's.
+TEST(CudaContact, ThePapersResponseMeetsTheCpu)
+{
+    NEEDS_GPU();
+    for (const bool delay : {true, false}) {
+        SCOPED_TRACE(delay);
+        Fall cpu(2, true, false, PLIANT_CPU), gpu(2, true, false, PLIANT_CUDA), free(2, true, false, PLIANT_CPU);
+        for (Fall *body : {&cpu, &gpu, &free}) {
+            body->scene.contact.response = PLIANT_RESPONSE_PAPER;
+            body->scene.contact.delay = delay;
+            body->scene.contact.punishment = body == &free ? 0 : 0.5;
+            ASSERT_EQ(body->begin(), PLIANT_OK) << pliant_last_error();
+            std::vector<double> positions(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes);
+            for (size_t n = 2; n < positions.size(); n += 3) positions[n] -= positions[n] > 0.025 ? 0.011 : 0;
+            ASSERT_EQ(pliant_data_set_positions(body->model, body->data, positions.data()), PLIANT_OK);
+            ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
+        }
+        Apart apart, slowed;
+        apart.take(cpu, gpu);
+        slowed.take(cpu, free);
+        std::printf("the paper's response %s delay: %d nodes, positions %.1e m apart, slowed by %.1e m\n", delay ? "with" : "without", gpu.data->statistics.contacts, apart.positions,
+                    slowed.positions);
+        EXPECT_STREQ(pliant_data_get_backend(gpu.data), delay ? "cuda" : "cpu") << pliant_last_error();
+        EXPECT_GT(gpu.data->statistics.contacts, 5);
+        EXPECT_EQ(gpu.data->statistics.contacts, cpu.data->statistics.contacts);
+        EXPECT_GT(slowed.positions, 1e-6);
+        EXPECT_LT(apart.positions, 1e-3 * slowed.positions);
+    }
+}
+
+// Tetrahedra whose corners lie in few places (overlap_test): corners, edges and faces coincide, many are flat. The same pairs.
+TEST(CudaContact, FindsTheSameOverlapsOfTouchingAndFlatOnes)
+{
+    NEEDS_GPU();
+    Fall blocks(3, true, true, PLIANT_CPU);
+    ASSERT_EQ(blocks.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_body *body = blocks.model->body;
+    std::mt19937 random(6);
+    int32_t pairs = 0;
+    for (int size : {1, 2, 3, 3, 12}) {
+        SCOPED_TRACE(size);
+        Searches searches;
+        std::vector<double> positions(3 * static_cast<size_t>(body->fine.num_nodes));
+        for (double &x : positions) x = std::uniform_int_distribution<int>(0, size)(random) / 256.0;
+        std::vector<uint8_t> overlaps[2];
+        std::vector<std::pair<int32_t, int32_t>> found[2];
+        for (int k = 0; k < 2; k++) {
+            overlaps[k].resize(static_cast<size_t>(body->fine.num_nodes));
+            ASSERT_EQ(pliant_tissue_set_body(searches.of + k, body, nullptr, 1), PLIANT_OK) << pliant_last_error();
+            ASSERT_EQ(pliant_tissue_overlapping(searches.of + k, positions.data(), overlaps[k].data()), PLIANT_OK) << pliant_last_error();
+            for (const pliant_grid_pairs &of : searches.of[k].grid.found)
+                for (int32_t p = 0; p < of.count; p++) found[k].emplace_back(of.pair[2 * p], of.pair[2 * p + 1]);
+            std::sort(found[k].begin(), found[k].end());
+        }
+        EXPECT_NE(searches.of[1].searcher_state, nullptr) << "the GPU has not searched";
+        EXPECT_EQ(found[0], found[1]);
+        EXPECT_EQ(overlaps[0], overlaps[1]);
+        pairs += searches.of[0].num_overlaps;
+    }
+    EXPECT_GT(pairs, 1000);
 }
 
 // every kernel, in little time: for compute-sanitizer

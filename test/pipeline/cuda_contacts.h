@@ -1,10 +1,12 @@
-// What cuda_contact_test presses: a block under tools and a sheet under a rod, on the CPU and on the GPU.
+// What cuda_contact_test presses: a block under tools, a sheet under a rod, blocks that fall and what is cut off, on the CPU and on the GPU.
 #ifndef PLIANT_TEST_CUDA_CONTACTS_H
 #define PLIANT_TEST_CUDA_CONTACTS_H
 
+#include "../../cuda/tissue.h"
 #include "body.h"
 #include "cuda_warps.h"
 #include "pliant/memory.h"
+#include "tongue.h"
 
 namespace cuda_contacts {
 
@@ -167,6 +169,22 @@ inline double apart_of(const std::vector<double> &a, const std::vector<double> &
     return most;
 }
 
+// How far apart two runs are.
+struct Apart {
+    double force = 0, forces = 0, positions = 0, moved = 0; // of what touches: the largest, and how far apart they are [N]; [m]
+    void take(const Body &a, const Body &b)
+    {
+        const int32_t nodes = a.data->body->fine.num_nodes;
+        const std::vector<double> here = forces_on_nodes(a.data), there = forces_on_nodes(b.data);
+        force = std::fmax(force, most_of(here));
+        forces = std::fmax(forces, apart_of(here, there));
+        positions = std::fmax(positions, farthest(a.data->positions, b.data->positions, nodes));
+        moved = std::fmax(moved, farthest(a.data->positions, a.data->body->fine.rest, nodes));
+        for (int32_t n = 0; n < 3 * nodes; n++) EXPECT_TRUE(std::isfinite(b.data->positions[n]));
+        for (double f : there) EXPECT_TRUE(std::isfinite(f));
+    }
+};
+
 const double one_end = 1e-7; // of the largest force: so near the CPU comes to what it came to before, or there is nothing to compare with
 
 inline pliant_status solve(const pliant_model *model, pliant_data *data)
@@ -212,6 +230,131 @@ struct Sheet : Body {
         return status == PLIANT_OK ? pliant_step(model, data) : status;
     }
     const double radius = 0.0005;
+};
+
+struct Fall : Body {
+    // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
+    Fall(int blocks, bool self, bool still, pliant_backend_choice backend)
+        : Body(std::vector<int>{6, 6, 2 * (3 * blocks - 1)}.data(), std::vector<double>{0.03, 0.03, 0.01 * (3 * blocks - 1)}.data(),
+               {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; })
+    {
+        cells(3, 3, 3 * blocks - 1, 1);
+        scene.solver.kind = PLIANT_TLED;
+        scene.solver.backend = backend;
+        scene.solver.step = 0.01;
+        scene.contact.self = self;
+        scene.contact.friction = 0.4;
+        scene.tled.quasi_static = still;
+        scene.tled.relaxation_steps = 2000;
+        scene.tled.damping = 20;
+        scene.model.gravity[0] = 1;
+        scene.model.gravity[2] = -9.81;
+        if (still) {
+            scene.solver.tolerance = 1e-4;
+            fix_plane(0, 0, 1e-6, 0, 0, 1);
+        } else {
+            scene.ground.normal[2] = 1;
+            scene.ground.point[2] = self ? 0 : -10; // what falls is allowed
+        }
+        if (!still && !self) {
+            scene.obstacles.num_planes = 1;
+            scene.obstacles.planes[0] = {{0, 0, -0.002}, {0, 0, 1}};
+        }
+    }
+    pliant_status begin()
+    {
+        const pliant_status status = build();
+        int tool;
+        if (status != PLIANT_OK) return status;
+        const pliant_tool_shape shape = shape_of(PLIANT_PART_SPHERE, 0.008);
+        pliant_tool_add(model, data, "ball", &tool);
+        return pliant_tool_set_shape(data, tool, &shape);
+    }
+    bool strikes = false;
+    pliant_status step(int s)
+    {
+        const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), slow[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
+        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)}, *tip = strikes ? fast : slow; // 0.9 m/s
+        EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
+        return pliant_step(model, data);
+    }
+};
+
+// Where tissue touches tissue, by the CPU and by the GPU from the same positions: the same points, to the bit.
+struct Searches {
+    pliant_tissue of[2] = {};
+    pliant_contacts found[2] = {};
+    Searches() { pliant_tissue_set_searcher(of + 1, &pliant_cuda_tissue_searcher); }
+    Searches(const Searches &) = delete;
+    Searches &operator=(const Searches &) = delete;
+    ~Searches()
+    {
+        for (int k = 0; k < 2; k++) {
+            pliant_tissue_free(of + k);
+            pliant_free(found[k].point);
+        }
+    }
+    // how many points
+    int32_t compare(const pliant_body *body, const double *positions, const pliant_tissue_rule &rule)
+    {
+        for (int k = 0; k < 2; k++) {
+            found[k].count = 0;
+            EXPECT_EQ(pliant_tissue_set_body(of + k, body, nullptr, 1), PLIANT_OK) << pliant_last_error();
+            EXPECT_EQ(pliant_tissue_find(of + k, positions, &rule, found + k), PLIANT_OK) << pliant_last_error();
+        }
+        EXPECT_NE(of[1].searcher_state, nullptr) << "the GPU has not searched";
+        EXPECT_EQ(of[0].num_overlaps, of[1].num_overlaps);
+        EXPECT_EQ(found[0].count, found[1].count);
+        for (int32_t p = 0; p < std::min(found[0].count, found[1].count); p++) {
+            const pliant_contact_point &a = found[0].point[p], &b = found[1].point[p];
+            const bool same = a.feature == b.feature && a.count == b.count && std::equal(a.node, a.node + a.count, b.node) &&
+                              std::equal(a.weight, a.weight + a.count, b.weight) && std::equal(a.normal, a.normal + 3, b.normal) &&
+                              std::equal(a.place, a.place + 3, b.place) && a.area == b.area;
+            EXPECT_TRUE(same) << "point " << p << " of " << found[0].count;
+        }
+        return found[0].count;
+    }
+};
+
+// A block stands on a plate, another hangs 10 mm above it; what is cut off the upper one falls on the lower one, or on the ground, where a ball presses it.
+struct Drop : Body {
+    explicit Drop(bool pressed, pliant_backend_choice backend)
+        : Body(std::vector<int>{6, 6, 24}.data(), std::vector<double>{0.015, 0.015, 0.06}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
+               [](int, int, int k) { return k >= 8 && k < 12; }),
+          presses(pressed)
+    {
+        cells(3, 3, 12, 1);
+        fix_plane(0, 0, 1e-4, 0, 0, 1);
+        fix_plane(0, 0, 0.0599, 0, 0, -1);
+        scene.model.gravity[2] = -9.81;
+        scene.cut.kind = PLIANT_CUT_SUBDIVIDE;
+        scene.contact.self = true;
+        scene.contact.friction = 0.3;
+        scene.warp.margin = 1;
+        scene.solver.backend = backend;
+        scene.solver.preconditioner = PLIANT_DIRECT;
+        scene.solver.iterations = 100;
+        scene.solver.tolerance = 1e-9;
+        scene.ground.normal[2] = 1;
+        scene.ground.point[2] = pressed ? 0.022 : -1;
+    }
+    pliant_status begin()
+    {
+        const double corners[6] = {-0.01, -0.01, 0.0437, 0.03, -0.01, 0.0437}, across[3] = {0, 0.04, 0};
+        const pliant_tool_shape ball = shape_of(PLIANT_PART_SPHERE, 0.004);
+        int tool;
+        pliant_status status = build();
+        if (status == PLIANT_OK) status = pliant_data_cut(model, data, 2, corners, across, nullptr);
+        if (status == PLIANT_OK && presses) status = pliant_tool_add(model, data, "ball", &tool);
+        return status == PLIANT_OK && presses ? pliant_tool_set_shape(data, tool, &ball) : status;
+    }
+    // lands, and is pressed by 2 mm then
+    void move(int s)
+    {
+        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::max(0, std::min(s - 20, 20))};
+        if (presses) EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
+    }
+    const bool presses;
 };
 
 // What a block is pressed and cut by, on a GPU.

@@ -1,0 +1,99 @@
+// Jaws and what they take hold of.
+#ifndef PLIANT_TEST_TONGUE_H
+#define PLIANT_TEST_TONGUE_H
+
+#include "body.h"
+#include "contact/shapes.h"
+
+#include <algorithm>
+
+// A tongue of 30 x 6 x 24 mm that stands on a plate, and a prograsp above it that comes straight down.
+struct Tongue : Body {
+    int tool = -1;
+    static constexpr int size[3] = {10, 4, 12};
+    static constexpr double box[3] = {0.03, 0.006, 0.024}, deep = 0.012; // the tip below the top
+
+    // also: what else the scene says
+    explicit Tongue(double friction, const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {}) : Body(size, box, {{5000, 0.4, 1000, false}})
+    {
+        cells(10, 3, 8, 1);
+        fix_plane(0, 0, 1e-4, 0, 0, 1);
+        scene.solver.threads = 1;
+        scene.solver.iterations = 30;
+        scene.solver.tolerance = 1e-3;
+        scene.contact.friction = friction;
+        also(scene);
+        EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        pliant_tool_shape shape;
+        EXPECT_EQ(pliant_tool_shape_find("prograsp_forceps", &shape), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_add(model, data, "prograsp", &tool), PLIANT_OK);
+        EXPECT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK);
+    }
+    // how far the tip is up from where it takes hold
+    void go(double up, double jaw)
+    {
+        const double tip[3] = {0.0151, 0.0031, box[2] - deep + up}, down[4] = {1, 0, 0, 0};
+        ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, down), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_jaw(data, tool, jaw), PLIANT_OK);
+        ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
+        for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
+    }
+    // least volume of an element over that at rest
+    double least_volume() const
+    {
+        const pliant_mesh &mesh = data->body->fine;
+        double least = INFINITY;
+        for (int32_t t = 0; t < mesh.num_tets; t++) {
+            double volume[2];
+            for (int k = 0; k < 2; k++) {
+                const double *x = k ? data->positions : mesh.rest;
+                double e[3][3];
+                for (int v = 0; v < 3; v++)
+                    for (int d = 0; d < 3; d++) e[v][d] = x[3 * mesh.tets[4 * t + v + 1] + d] - x[3 * mesh.tets[4 * t] + d];
+                volume[k] = e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) + e[0][1] * (e[1][2] * e[2][0] - e[1][0] * e[2][2]) +
+                            e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
+            }
+            least = std::fmin(least, volume[1] / volume[0]);
+        }
+        return least;
+    }
+    // how far the top's middle has come up, and the farthest that any node is from rest
+    double lifted() const
+    {
+        double most = -1;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++) most = std::fmax(most, data->positions[3 * n + 2] - data->body->fine.rest[3 * n + 2]);
+        return most;
+    }
+    double farthest() const
+    {
+        double most = 0;
+        for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) most = std::fmax(most, std::fabs(data->positions[n] - data->body->fine.rest[n]));
+        return most;
+    }
+    double force() const
+    {
+        pliant_tool_state state;
+        EXPECT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
+        return state.contact_force[2];
+    }
+    // nodes that lie in a part of the tool
+    double deepest() const
+    {
+        const pliant_tool &of = data->tools[tool];
+        double least = 0;
+        for (int32_t p = 0; p < of.shape.num_parts; p++) {
+            pliant_pose pose;
+            pliant_part_pose(&of.shape, of.shape.part[p].frame, of.tip, of.rotation, of.jaw, &pose);
+            for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+                double local[3], normal[3];
+                pliant_pose_from(&pose, data->positions + 3 * n, local);
+                least = std::fmin(least, pliant_part_distance(&of.shape.part[p], local, normal));
+            }
+        }
+        return -least;
+    }
+};
+constexpr int Tongue::size[3];
+constexpr double Tongue::box[3], Tongue::deep;
+
+#endif
