@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <gtest/gtest.h>
+#include <numeric>
 #include <sstream>
 #include <string>
 #include <unistd.h>
@@ -128,6 +129,98 @@ TEST_F(Deform, TellsForcesOfContact)
     double sum = 0;
     for (size_t n = 1; n < nodes.size(); ++n) sum += std::stod(nodes[n].back());
     EXPECT_GE(sum, 0.99 * std::stod(tools.back()[9]));
+}
+
+// What a surface file tells: how many parts hang together by its triangles, and the area of the faces that cuts have made, seen along each
+// axis of the tissue at rest, and of all the others.
+struct SurfaceFile {
+    size_t parts = 0;
+    double cut[3] = {0, 0, 0}, others = 0;
+    explicit SurfaceFile(const std::string &path)
+    {
+        std::ifstream file(path);
+        size_t num_vertices = 0, num_faces = 0;
+        for (std::string line; std::getline(file, line) && line != "end_header";) {
+            std::sscanf(line.c_str(), "element vertex %zu", &num_vertices);
+            std::sscanf(line.c_str(), "element face %zu", &num_faces);
+        }
+        std::vector<double> rest(3 * num_vertices);
+        for (size_t v = 0; v < num_vertices; ++v) {
+            double skipped;
+            file >> skipped >> skipped >> skipped >> rest[3 * v] >> rest[3 * v + 1] >> rest[3 * v + 2] >> skipped;
+        }
+        std::vector<size_t> next(num_vertices);
+        std::iota(next.begin(), next.end(), 0);
+        const auto first = [&](size_t v) { while (next[v] != v) v = next[v] = next[next[v]]; return v; };
+        size_t three, corner[3], made_by_cut;
+        for (size_t f = 0; f < num_faces && file >> three >> corner[0] >> corner[1] >> corner[2] >> made_by_cut; ++f) {
+            double side[2][3], area = 0;
+            for (int e = 0; e < 2; ++e) {
+                next[first(corner[e + 1])] = first(corner[0]);
+                for (int d = 0; d < 3; ++d) side[e][d] = rest[3 * corner[e + 1] + d] - rest[3 * corner[0] + d];
+            }
+            for (int d = 0; d < 3; ++d) {
+                const int a = (d + 1) % 3, b = (d + 2) % 3;
+                const double seen = 0.5 * std::abs(side[0][a] * side[1][b] - side[0][b] * side[1][a]);
+                area += seen * seen;
+                if (made_by_cut) cut[d] += seen;
+            }
+            if (!made_by_cut) others += std::sqrt(area);
+        }
+        EXPECT_TRUE(file) << path;
+        for (size_t v = 0; v < num_vertices; ++v) parts += next[v] == v;
+    }
+};
+
+// A line across the whole body, and a blade that goes into its front: cuts.csv tells of both, a blade is felt, and the surface ends there.
+TEST_F(Deform, CutsAlongALineAndByABlade)
+{
+    const std::string line = "cuts: [{time: 0.1, points: [[-0.3, -0.3, 0.02], [0.3, -0.3, 0.02]], depth: [0, 0.6, 0]}]\n";
+    std::ofstream(in("still.yaml")) << "gravity: [{time: 0.1, acceleration: [0, 0, 0]}]\n";
+    std::ofstream(in("line.yaml")) << line;
+    std::ofstream(in("both.yaml")) << line << "tools:\n  - name: knife\n    blade: {from: [0, 0, -0.3], to: [0, 0, 0.3]}\n    poses: [{time: 0, position: [0, -0.16, 0]}, "
+                                   << "{time: 0.2, position: [0, -0.08, 0]}]\n    cut: [{from: 0.02, to: 0.18}]\n";
+    const std::string common = small_ + "--quiet --no-volume --set cut/kind=";
+    EXPECT_EQ(run(common + "none --tools " + in("line.yaml") + " --out " + in("refused")), 1);
+    EXPECT_NE(err_.find("this scene does not cut: set cut/kind to sever"), std::string::npos) << err_;
+    for (const char *path : {"still", "line", "both"}) ASSERT_EQ(run(common + "sever --tools " + in(path) + ".yaml --out " + in(path)), 0) << err_;
+
+    EXPECT_NE(access(in("still/cuts.csv").c_str(), F_OK), 0) << "of a path that cuts";
+    const auto rows = table(in("both/cuts.csv")), tools = table(in("both/tools.csv")), alone = table(in("line/cuts.csv"));
+    ASSERT_EQ(alone.size(), 2u);
+    ASSERT_GT(rows.size(), 2u);
+    EXPECT_EQ(rows[0], (std::vector<std::string>{"step", "time_s", "tool", "stroke", "area_m2", "severed_area_m2", "pieces", "revision", "nodes", "tetrahedra", "cut_s"}));
+    double by_line = 0, by_blade = 0;
+    for (size_t row = 1; row < rows.size(); ++row) {
+        double *sum = rows[row][2] == "knife" ? &by_blade : &by_line;
+        *sum += std::stod(rows[row][4]);
+        EXPECT_NEAR(std::stod(rows[row][5]), *sum, 1e-6) << "of the stroke until then";
+        EXPECT_EQ(rows[row][6], row > 1 || rows[row][2] == "" ? "2" : "1") << "pieces";
+        if (row > 1) { EXPECT_GT(std::stoi(rows[row][7]), std::stoi(rows[row - 1][7])) << "revision"; }
+    }
+    EXPECT_EQ(std::stod(alone[1][1]), 0.1);
+    EXPECT_NEAR(by_line, std::stod(alone[1][4]), 0.02 * by_line);
+    EXPECT_GT(by_line, 0.6 * 0.4 * 0.29) << "an ellipse has 0.79 of what is around it";
+    EXPECT_LT(by_line, 0.8 * 0.4 * 0.29);
+    EXPECT_GT(by_blade, 0.3 * 0.01);
+    EXPECT_LT(by_blade, 0.3 * 0.06);
+    double felt = 0;
+    for (size_t row = 1; row < tools.size(); ++row) felt = std::max(felt, std::stod(tools[row][3]));
+    EXPECT_GT(felt, 10) << "of the blade on the tissue, into it";
+
+    const SurfaceFile still(in("still/surface.ply")), cut(in("line/surface.ply")), both(in("both/surface.ply"));
+    EXPECT_EQ(still.parts, 1u);
+    EXPECT_EQ(still.cut[2], 0);
+    EXPECT_EQ(cut.parts, 2u);
+    EXPECT_EQ(both.parts, 2u);
+    for (const SurfaceFile *each : {&cut, &both}) {
+        EXPECT_NEAR(each->others, still.others, 1e-6 * still.others) << "the skin is parted, and no less";
+        EXPECT_GT(each->cut[2], 2 * by_line) << "both sides, and the tetrahedra's part in air";
+        EXPECT_LT(each->cut[2], 2 * 1.5 * by_line);
+    }
+    EXPECT_LT(cut.cut[0], 0.02 * cut.cut[2]);
+    EXPECT_GT(both.cut[0] - cut.cut[0], 2 * 0.7 * by_blade) << "the walls of the notch";
+    EXPECT_LT(both.cut[0] - cut.cut[0], 2 * 1.5 * by_blade);
 }
 
 // The room around the tissue is warp/margin, wherever a tool goes; that is said, and when tissue leaves it.
