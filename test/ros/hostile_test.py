@@ -23,7 +23,7 @@ from geometry_msgs.msg import PoseStamped
 from pliant.msg import MeshState, Step
 from pliant.srv import Pick
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
@@ -103,6 +103,46 @@ class HostileTest(unittest.TestCase):
             time.sleep(0.1)
         for publisher in (joints, pedal, wrong):
             publisher.unregister()
+        self.goes_on()
+
+    def test_poses_that_are_no_numbers(self):
+        """Of a tool that holds and of a blade that is on: neither is there, what was held is let go, and nothing is cut."""
+        grasper, knife = Tool("grasper", "tissue"), Tool("knife", "tissue")
+        blade = rospy.Publisher(NAMESPACE + "knife/blade", Bool, queue_size=1, latch=True)
+        whole = self.node.topology.message.revision
+        self.addCleanup(blade.unregister)
+        self.addCleanup(knife.reset)
+        self.addCleanup(grasper.reset)
+
+        def there():
+            return {tool.name: tool for tool in self.step.fresh().tools if tool.present}
+        front = self.node.front()
+        grasper.appear(front)
+        grasper.take_hold(self.node.contact)
+        grasper.position[1] -= 0.01
+        wait_for(lambda: self.node.displacement() > 0.003, "the tissue to be pulled")
+        knife.appear(front + [0, -0.1, 0])  # in air
+        blade.publish(True)
+        wait_for(lambda: "knife" in there() and there()["knife"].cuts, "the blade to be on")
+        grasper.is_on = knife.is_on = False
+        message, nan, inf = PoseStamped(), float("nan"), float("inf")
+        message.header.frame_id = "tissue"
+        for position, turn in (((nan, 0, 0), (0, 0, 0, 1)), ((0, 0, -inf), (0, 0, 0, 1)), (front, (nan, 0, 0, 1)), (front, (0, 0, 0, nan)),
+                               (front, (nan, nan, nan, nan)), (front, (0, inf, 0, 1)), (front, (0, 0, 0, 0)), (front, (1e200, 0, 0, 1e200)), ((nan, nan, nan), (nan, nan, nan, nan))):
+            message.pose.position.x, message.pose.position.y, message.pose.position.z = position
+            message.pose.orientation.x, message.pose.orientation.y, message.pose.orientation.z, message.pose.orientation.w = turn
+            for _ in range(3):
+                message.header.stamp = rospy.Time.now()
+                grasper.pose.publish(message)
+                knife.pose.publish(message)
+                time.sleep(0.02)
+            self.assertFalse(there(), "%s %s" % (position, turn))
+            self.assertTrue(numpy.isfinite(self.node.mesh.fresh().nodes).all(), "%s %s" % (position, turn))
+            self.assertFalse(self.node.contact.fresh().grasped)
+        wait_for(lambda: self.node.displacement() < 1e-3, "the tissue to come back")
+        self.assertEqual(self.step.message.revision, whole, "nothing is cut")
+        grasper.appear(front)
+        grasper.take_hold(self.node.contact)
         self.goes_on()
 
     def test_poses_without_a_pause(self):
