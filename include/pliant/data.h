@@ -237,7 +237,8 @@ PLIANT_API int32_t pliant_data_get_inverted(const pliant_data *data);
 /** The same of any mesh at these positions. */
 PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
-/** A number per fine node (volume-weighted mean of its tetrahedra, which have that of the hexahedron that they are part of).
+/** A number per fine node (volume-weighted mean of its tetrahedra, which have that of the hexahedron that they are part of). Stresses are of the tissue
+ *  in a tetrahedron, energy is over the volume of all of it.
  *  @param out (body->fine.num_nodes). Errors: ARGUMENT, MEMORY. */
 PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
                                             float *out);

@@ -2,6 +2,8 @@
 #include "../cuts.h"
 #include "fem/quasistatic/solver.h"
 
+#include <array>
+
 namespace {
 
 // A bar that hangs along x, of height 1 (y) and thickness 1/8 (z), in units of 80 mm; nu = 0, so that plane stress is plane strain.
@@ -285,6 +287,71 @@ TEST(Homogenized, HexahedraFollowTheFineOnesAfterTheSameCuts)
     expect_as_before(PLIANT_HEXAHEDRA, 2, {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_SCHUR}, 0.081, {0.02, 0.04, 0.05});
     for (double plane : {0.086, 0.09}) expect_as_before(PLIANT_HEXAHEDRA, 2, {PLIANT_AVERAGED, PLIANT_CALIBRATED}, plane, {0.03, 0.05});
     expect_as_before(PLIANT_HEXAHEDRA, 4, {PLIANT_AVERAGED}, 0.09, {0.03});
+}
+
+// ---- stress on new faces
+
+// What lies between two heights of a bar that hangs along x, by layers of voxels, and the stress that is told at its nodes
+struct Strip {
+    static constexpr double length = 0.16, pull = 0.01;
+    Body body;
+    Strip(int low, int high, pliant_element_kind kind)
+        : body(std::array<int, 3>{32, 16, 4}.data(), std::array<double, 3>{length, 0.08, 0.02}.data(), {{young, 0, density, false}, {1e-3, 0, 1e-3, true}},
+               [=](int, int j, int) { return j < low || j >= high; })
+    {
+        body.fix_plane(1e-6, 0, 0, 1, 0, 0);
+        body.cells(8, 4, 1, 1);
+        body.scene.element.kind = kind;
+        body.scene.cut.kind = PLIANT_CUT_SEVER;
+        body.scene.model.gravity[0] = pull;
+        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(body.settle(), PLIANT_OK);
+    }
+    std::vector<float> stress() const
+    {
+        std::vector<float> out(static_cast<size_t>(body.data->body->fine.num_nodes));
+        EXPECT_EQ(pliant_data_get_scalar(body.model, body.data, PLIANT_SCALAR_VON_MISES, out.data()), PLIANT_OK);
+        return out;
+    }
+    int32_t node_at(const double rest[3]) const
+    {
+        const pliant_mesh &mesh = body.data->body->fine;
+        int32_t n = 0;
+        while (n < mesh.num_nodes && !std::equal(rest, rest + 3, mesh.rest + 3 * n, [](double a, double b) { return std::fabs(a - b) < 1e-9; })) n++;
+        return n;
+    }
+};
+
+// Slit along all of its length, within a layer of elements, a bar is two: what is told of copies of nodes is what the two have where each is meshed alone, and
+// both tell the weight that hangs below, although an element that is cut has but a part of the tissue's stiffness.
+TEST(Stress, OfNewFacesIsThatOfHalvesThatAreMeshedApart)
+{
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Strip whole(0, 16, kind);
+        const Strip halves[2] = {{0, 6, kind}, {6, 16, kind}};
+        const double points[6] = {-1, 0.03, -1, -1, 0.03, 1}, way[3] = {2, 0, 0};
+        ASSERT_EQ(pliant_data_cut(whole.body.model, whole.body.data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(whole.body.settle(), PLIANT_OK);
+        const pliant_body &now = *whole.body.data->body;
+        const std::vector<float> stress = whole.stress(), apart[2] = {halves[0].stress(), halves[1].stress()};
+        const std::vector<int32_t> pieces = mesh_pieces(now);
+        int32_t low = -1;
+        for (int32_t v = 0; v < 4 * now.fine.num_tets; v++)
+            if (now.fine.rest[3 * now.fine.tets[v] + 1] < 1e-9) low = pieces[v / 4];
+        std::set<int32_t> seen;
+        for (int32_t v = 0; v < 4 * now.fine.num_tets; v++) {
+            const int32_t node = now.fine.tets[v], upper = pieces[v / 4] != low;
+            const double *rest = now.fine.rest + 3 * node, exact = density * Strip::pull * (Strip::length - rest[0]);
+            ASSERT_TRUE(std::isfinite(stress[node]));
+            const int32_t other = halves[upper].node_at(rest);
+            ASSERT_LT(other, static_cast<int32_t>(apart[upper].size()));
+            if (rest[0] < 0.03 || rest[0] > 0.13) continue; // the end that is held, and the one without a load
+            EXPECT_NEAR(stress[node], apart[upper][other], (kind == PLIANT_LINEAR ? 0.1 : 0.3) * exact) << "kind " << kind << ", node " << node;
+            EXPECT_NEAR(stress[node], exact, 0.3 * exact) << "kind " << kind << ", node " << node;
+            if (now.node_parent && now.node_parent[node] != node) seen.insert(node);
+        }
+        EXPECT_GT(seen.size(), 10u) << "copies";
+    }
 }
 
 } // namespace

@@ -110,9 +110,10 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
         energy = corotational(f, material, stress);
     }
     if (scalar == PLIANT_SCALAR_STRAIN_ENERGY) return energy;
-    if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress);
+    const double part = material->tissue > 0 ? material->tissue : 1; /* an element beside air, or a fragment, has so much of the tissue's moduli */
+    if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress) / part;
     pliant_symmetric_eigenvalues(stress, values);
-    return values[2];
+    return values[2] / part;
 }
 
 pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)
