@@ -209,6 +209,36 @@ const Case subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PL
 INSTANTIATE_TEST_SUITE_P(Adapt, Undone, testing::Values(direct, multigrid, hexahedra, averaged, coarse_hexahedra, schur, patch, octree, octree_hexahedra, subdivided),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
+// A cut that is undone before the next step has moved nothing: every node is where it was, to the bit, also of a body that was cut before.
+struct UndoneAtOnce : testing::TestWithParam<Case> {};
+TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
+{
+    const std::unique_ptr<Body> body = make({GetParam().name, [](pliant_scene &scene) {
+                                                 GetParam().set(scene);
+                                                 if (scene.cut.kind == PLIANT_CUT_NONE) scene.cut.kind = PLIANT_CUT_SEVER;
+                                             }});
+    take_hold(*body);
+    for (double x : {0.081, 0.047}) {
+        step(*body, 3);
+        const pliant_body *const was = pliant_body_retain(body->data->body);
+        const std::vector<double> before(body->data->positions, body->data->positions + 3 * was->fine.num_nodes);
+        const double edge[6] = {x, -0.01, 0.17, x, 0.17, 0.17}, depth[3] = {0.004, 0, -0.07};
+        for (int time = 0; time < 2; time++) {
+            pliant_cut_report report;
+            ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, edge, depth, &report), PLIANT_OK) << pliant_last_error();
+            EXPECT_GT(report.area, 0.005);
+            ASSERT_GT(body->data->body->fine.num_nodes, was->fine.num_nodes);
+            ASSERT_EQ(pliant_data_undo_cut(body->model, body->data), PLIANT_OK) << pliant_last_error();
+            EXPECT_TRUE(pliant_body_same(body->data->body, was));
+            EXPECT_EQ(std::memcmp(before.data(), body->data->positions, before.size() * sizeof before[0]), 0) << "cut at " << x << ", time " << time;
+        }
+        pliant_body_release(was);
+        ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, edge, depth, nullptr), PLIANT_OK) << pliant_last_error();
+    }
+}
+INSTANTIATE_TEST_SUITE_P(Adapt, UndoneAtOnce, testing::Values(direct, hexahedra, averaged, patch, octree, octree_hexahedra, dynamic, cubes),
+                         [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
+
 TEST(Adapt, LodRefusesWhatItCannotDivide)
 {
     std::unique_ptr<Body> body = make(lod), other = make(lod);
