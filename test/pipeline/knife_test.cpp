@@ -389,6 +389,88 @@ TEST(Knife, ABladeOfAToolThatHasNoneIsRefused)
     EXPECT_EQ(pliant_blade_find("axe", a, b), PLIANT_ERROR_ARGUMENT);
 }
 
+// As contact.h and data.h have them: along the instrument or across it, the far end at the tip. A bar twice as wide as the edge is long is severed over half of
+// its width by one stroke, and in two by another one beside it.
+TEST(Knife, EveryNamedBladeHasItsEdge)
+{
+    const struct { const char *name; int along; double length, way; } blades[] = {{"scalpel", 2, 0.02, -1}, {"scissors", 2, 0.01, -1}, {"hook", 1, 0.004, 1}};
+    double none[3];
+    ASSERT_EQ(pliant_blade_find("", none, none), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("scalpel, scissors and hook are known"), std::string::npos) << "another blade: " << pliant_last_error();
+    for (const auto &blade : blades) {
+        double from[3], to[3];
+        ASSERT_EQ(pliant_blade_find(blade.name, from, to), PLIANT_OK);
+        for (int d = 0; d < 3; d++) {
+            EXPECT_EQ(from[d], d == blade.along ? blade.way * blade.length : 0) << blade.name;
+            EXPECT_EQ(to[d], 0) << blade.name;
+        }
+        const int across = 3 - blade.along;
+        const double voxel = blade.length / 10, section = 2 * blade.length * 4 * voxel;
+        int voxels[3] = {16, 4, 4};
+        voxels[blade.along] = 20;
+        const double extent[3] = {voxel * voxels[0], voxel * voxels[1], voxel * voxels[2]};
+        Body block(voxels, extent, {{5500, 0.45, 1060, false}});
+        block.cells(8, voxels[1] / 2, voxels[2] / 2, 1);
+        block.scene.cut.kind = PLIANT_CUT_SEVER;
+        block.scene.cut.resistance = 0;
+        block.fix_plane(1e-6, 0, 0, 1, 0, 0);
+        block.fix_plane(extent[0] - 1e-6, 0, 0, -1, 0, 0);
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        int tool;
+        ASSERT_EQ(pliant_tool_add(block.model, block.data, blade.name, &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_blade(block.data, tool, from, to), PLIANT_OK);
+        for (int stroke = 0; stroke < 2; stroke++) {
+            double tip[3] = {0.51 * extent[0], 0, 0};
+            tip[blade.along] = (0.5 + stroke) * blade.length - 0.5 * from[blade.along];
+            for (int s = 0; s < 7; s++) {
+                tip[across] = extent[across] + (1.2 - s) * voxel;
+                ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
+                ASSERT_EQ(pliant_tool_set_cutting(block.data, tool, true), PLIANT_OK) << pliant_last_error();
+                ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+            }
+            ASSERT_EQ(pliant_tool_set_cutting(block.data, tool, false), PLIANT_OK);
+            pliant_tool_state told{};
+            ASSERT_EQ(pliant_tool_get(block.data, tool, &told), PLIANT_OK);
+            EXPECT_NEAR(told.severed_area, 0.5 * (1 + stroke) * section, 0.01 * section) << blade.name;
+            EXPECT_EQ(told.pieces, 1 + stroke) << blade.name;
+        }
+    }
+}
+
+// What is stepped by two threads is cut as by one: the same fragments, nodes and places, to the bit.
+TEST(Knife, OneThreadOrTwoCutTheSame)
+{
+    const Kind hexahedra{"hexahedra", [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; }};
+    for (const Kind *kind : {&fine, &hexahedra, &averaged, &dynamic, &subdivided}) {
+        std::unique_ptr<Slab> slabs[2];
+        for (int threads = 1; threads <= 2; threads++)
+            slabs[threads - 1].reset(new Slab({kind->name, [=](pliant_scene &scene) {
+                                                   kind->set(scene);
+                                                   scene.solver.threads = threads;
+                                                   scene.solver.preconditioner = PLIANT_DIRECT;
+                                                   scene.model.gravity[0] = 3;
+                                               }}));
+        for (auto &slab : slabs) {
+            slab->stroke(0.0405, 0.034, 0.012, 0.1);
+            slab->cutting(false);
+            slab->step();
+            slab->stroke(0.0243, 0.034, 0.004, 0.15);
+        }
+        const pliant_body &one = *slabs[0]->data->body, &two = *slabs[1]->data->body;
+        EXPECT_GT(one.fine.num_nodes, slabs[0]->model->body->fine.num_nodes + 10) << kind->name;
+        const size_t tets = static_cast<size_t>(one.fine.num_tets), nodes = static_cast<size_t>(one.fine.num_nodes);
+        ASSERT_TRUE(one.fine.num_nodes == two.fine.num_nodes && one.fine.num_tets == two.fine.num_tets) << kind->name;
+        EXPECT_TRUE(std::equal(one.fine.tets, one.fine.tets + 4 * tets, two.fine.tets)) << kind->name;
+        EXPECT_TRUE(std::equal(one.node_parent, one.node_parent + nodes, two.node_parent)) << kind->name;
+        EXPECT_EQ(std::memcmp(one.fine_material, two.fine_material, tets * sizeof *one.fine_material), 0) << kind->name;
+        EXPECT_EQ(std::memcmp(one.fine.rest, two.fine.rest, 3 * nodes * sizeof(double)), 0) << kind->name;
+        ASSERT_TRUE(!one.cuts || one.cuts->num_links == two.cuts->num_links) << kind->name;
+        if (one.cuts) EXPECT_TRUE(std::equal(one.cuts->link, one.cuts->link + one.cuts->num_links, two.cuts->link)) << kind->name;
+        EXPECT_EQ(std::memcmp(slabs[0]->data->positions, slabs[1]->data->positions, 3 * nodes * sizeof(double)), 0) << kind->name;
+        EXPECT_EQ(slabs[0]->state().severed_area, slabs[1]->state().severed_area) << kind->name;
+    }
+}
+
 // of the phantom's liver, in a scan with air, many materials and elements that are partly empty
 TEST(Knife, AStrokeThroughThePhantomsLiver)
 {
