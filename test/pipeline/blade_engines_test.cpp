@@ -12,12 +12,13 @@ struct Engine {
 };
 void PrintTo(const Engine &engine, std::ostream *out) { *out << engine.name; }
 
-Engine coarse(const char *name, pliant_method method, double patch = 0)
+Engine coarse(const char *name, pliant_method method, double patch = 0, bool bone_surface = false)
 {
     return {name, [=](pliant_scene &scene) {
                 scene.model.method = method;
                 for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
                 scene.mesh.ratio = 2;
+                scene.mesh.bone_surface = bone_surface;
                 scene.model.patch = patch;
                 scene.model.patch_delay = 1;
             }};
@@ -40,7 +41,7 @@ Engine dynamic(const char *name, pliant_law law, pliant_element_kind element, bo
 
 struct EveryEngine : testing::TestWithParam<Engine> {
     Body body{size, box, {{40000, 0.45, 1060, false}, {1e6, 0.3, 1500, false}}, [](int i, int j, int) { return i + j / 4 < 5; }};
-    int knife = -1;
+    int knife = -1, patched = 0;
     void SetUp() override
     {
         body.table.materials[0].toughness = toughness;
@@ -57,10 +58,24 @@ struct EveryEngine : testing::TestWithParam<Engine> {
         const double from[3] = {0, -0.02, 0}, to[3] = {0, 0.02, 0};
         ASSERT_EQ(pliant_tool_add(body.model, body.data, "knife", &knife), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_blade(body.data, knife, from, to), PLIANT_OK);
+        if (body.scene.model.patch > 0) hold();
+    }
+    // beside where the blade goes: a patch is around what a tool holds
+    void hold()
+    {
+        const double at[3] = {0.03, 0.012, 0.024};
+        int forceps;
+        ASSERT_EQ(pliant_tool_add(body.model, body.data, "forceps", &forceps), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_radius(body.data, forceps, 0.006), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(body.data, forceps, at, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body.model, body.data, forceps, nullptr), PLIANT_OK) << pliant_last_error();
     }
     void steps(int count)
     {
-        for (int s = 0; s < count; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+        for (int s = 0; s < count; s++) {
+            ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+            patched = std::max(patched, body.data->statistics.patched);
+        }
     }
     pliant_tool_state state() const
     {
@@ -106,6 +121,7 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     stroke(0.0405, &work);
     if (HasFatalFailure()) return;
     const pliant_tool_state told = state();
+    EXPECT_EQ(patched > 0, body.scene.model.patch > 0);
     // what swings meets the blade again, and may lose a sliver
     const bool swings = body.scene.solver.kind == PLIANT_TLED && !body.scene.tled.quasi_static;
     if (swings) EXPECT_GE(told.pieces, 2);
@@ -116,7 +132,9 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     EXPECT_GT(work, 0.9 * toughness * told.severed_area);
     EXPECT_LT(work, 1.1 * (swings ? 1.32 : 1.61) * toughness * told.severed_area);
     EXPECT_EQ(mismatches(*body.data->body), 0);
+    patched = 0;
     steps(20);
+    EXPECT_EQ(patched > 0, body.scene.model.patch > 0) << "after the cut, too";
     EXPECT_LT(height(0.06, 1), start - 0.05) << "what it cut off falls";
     EXPECT_NEAR(height(0.015, 0.03), held, 0.002) << "and what is held stays";
     while (body.data->undo.count > 0) ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
@@ -135,6 +153,8 @@ INSTANTIATE_TEST_SUITE_P(Engines, EveryEngine,
                                                 }},
                                          coarse("coarse", PLIANT_COARSE), coarse("averaged", PLIANT_AVERAGED), coarse("schur", PLIANT_SCHUR),
                                          coarse("calibrated", PLIANT_CALIBRATED), coarse("patched", PLIANT_AVERAGED, 0.012),
+                                         coarse("patched_coarse", PLIANT_COARSE, 0.012), coarse("patched_calibrated", PLIANT_CALIBRATED, 0.012),
+                                         coarse("patched_bone_surface", PLIANT_AVERAGED, 0.012, true),
                                          dynamic("neo_hookean", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA), dynamic("compressible", PLIANT_LAW_COMPRESSIBLE, PLIANT_HEXAHEDRA),
                                          dynamic("saint_venant_kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, PLIANT_HEXAHEDRA),
                                          dynamic("tled_tetrahedra", PLIANT_LAW_NEO_HOOKEAN, PLIANT_LINEAR), dynamic("relaxation", PLIANT_LAW_NEO_HOOKEAN, PLIANT_HEXAHEDRA, true),
