@@ -27,6 +27,12 @@ std::unique_ptr<Body> bar(const std::function<void(pliant_scene &)> &set = [](pl
     return built(std::move(body), set);
 }
 
+std::unique_ptr<Body> uniform(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
+{
+    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}}));
+    return built(std::move(body), set);
+}
+
 // A body and what cuts have made of it, and where its nodes are
 struct Split {
     std::unique_ptr<Body> body;
@@ -143,6 +149,33 @@ TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
     }
 }
 
+// Nodes, edges and faces that lie in a blade's plane stay what they are: only what it passes between them is cut, and the section is the plane's.
+TEST(Subdivide, PlanesWhereEverythingIsOnThem)
+{
+    const struct { double point[3], normal[3]; bool splits; } cases[] = {
+        {{0.1, 0.05, 0.05}, {1, 0, 0}, false},  // faces of the lattice
+        {{0.1, 0.05, 0.05}, {1, 1, 1}, false},  // faces of tetrahedra
+        {{0.1, 0.05, 0.05}, {1, 1, 0}, true},   // edges and nodes
+        {{0.1, 0.05, 0.05}, {1, 0.5, 0}, true}, // some of the nodes
+        {{0.1, 0.1, 0.05}, {0, 1, 0}, false},   // its side
+    };
+    for (const auto &one : cases)
+        for (double half : {10.0, 1e6}) {
+            Split block(uniform());
+            const int32_t tets = block.now->fine.num_tets;
+            std::vector<double> from, to;
+            Cuttable::plane(one.point, one.normal, half, from, to);
+            const bool parts = one.normal[0] > 0;
+            const double area = parts ? 0.01 * std::sqrt(1 + std::pow(one.normal[1], 2) + std::pow(one.normal[2], 2)) : 0;
+            SCOPED_TRACE(std::to_string(one.normal[0]) + " " + std::to_string(one.normal[1]) + " " + std::to_string(one.normal[2]) + ", " + std::to_string(half));
+            EXPECT_EQ(block.cut(from, to), parts);
+            EXPECT_EQ(num_pieces(*block.now), parts ? 2 : 1);
+            EXPECT_EQ(block.now->fine.num_tets > tets, one.splits);
+            EXPECT_NEAR(block.report.area, area, 1e-9);
+            expect_sound(*block.now, area);
+        }
+}
+
 // A plane that misses all nodes by far cuts each tetrahedron into four (a corner off) or six (two corners from two).
 TEST(Subdivide, TetrahedraAreSplitByTheNumberOfTheirCutEdges)
 {
@@ -185,12 +218,6 @@ TEST(Subdivide, AffineMapsPassThrough)
         for (size_t n = 0; n < expected.size(); n++) ASSERT_NEAR(block.positions[n], expected[n], 1e-14);
     }
     ASSERT_GT(block.now->fine.num_tets, 2 * block.body->model->body->fine.num_tets);
-}
-
-std::unique_ptr<Body> uniform(const std::function<void(pliant_scene &)> &set = [](pliant_scene &) {})
-{
-    std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}}));
-    return built(std::move(body), set);
 }
 
 TEST(Subdivide, ThePatchTestHolds)
