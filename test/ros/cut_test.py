@@ -13,12 +13,13 @@ import numpy
 import rosbag
 import rospy
 import rostest
-from geometry_msgs.msg import Point, Vector3
-from pliant.msg import Cut, MeshState, MeshTopology, Step
+from geometry_msgs.msg import Point, Vector3, WrenchStamped
+from pliant.msg import ContactState, Cut, MeshState, MeshTopology, Step
 from pliant.srv import CutLine, LoadScan, SaveVolume
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import Image, Joy, PointCloud2
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Launch, Tool, call, is_sent, nifti_voxels, wait_for  # noqa: E402
@@ -92,18 +93,58 @@ class CutTest(unittest.TestCase):
         self.appear([self.low[0] - margin, 0, self.height])
         self.blade.publish(True)
         wait_for(lambda: self.state.fresh().tools[0].cuts, "the blade to be on")
-        end = self.low[0] + until * (self.high[0] - self.low[0]) + margin
-        while self.tool.position[0] < end:
-            self.tool.position = [self.tool.position[0] + 0.006, 0, self.height]
-            self.state.fresh()  # no step that is late sees a jump
-        self.tool.position = [end, 0, self.height]
+        self.sweep(until, margin)
         time.sleep(0.3)
         self.blade.publish(False)
         wait_for(lambda: not self.state.fresh().tools[0].cuts, "the blade to be off")
         return self.wait_for_revision(self.revision())
 
+    def sweep(self, until, margin=0.0):
+        """On to the left, as far as that part of the width and a margin."""
+        end = self.low[0] + until * (self.high[0] - self.low[0]) + margin
+        while self.tool.position[0] < end:
+            self.tool.position = [self.tool.position[0] + 0.006, 0, self.height]
+            self.state.fresh()  # no step that is late sees a jump
+        self.tool.position = [end, 0, self.height]
+
+    @contextlib.contextmanager
+    def felt(self):
+        """What is sent of the knife's force meanwhile: rows of x, y, z [N]."""
+        forces = []
+        subscriber = rospy.Subscriber(NAMESPACE + "knife/measured_cf", WrenchStamped,
+                                      lambda message: forces.append([message.wrench.force.x, message.wrench.force.y, message.wrench.force.z]))
+        wait_for(lambda: forces, "knife/measured_cf")
+        try:
+            yield forces
+        finally:
+            subscriber.unregister()
+
+    def test_a_blade_feels_what_it_cuts(self):
+        with self.loaded("cut/resistance=1", "mesh/coarse_cells=6 5 5"), self.felt() as forces:
+            self.appear([self.low[0] - 0.05, 0, self.height])
+            self.blade.publish(True)
+            wait_for(lambda: self.state.fresh().tools[0].cuts, "the blade to be on")
+            self.sweep(0, -0.03)
+            self.state.fresh()
+            self.assertEqual(numpy.abs(forces).max(), 0, "in air")
+            uncut = self.cut.message.severed_area
+            self.sweep(0.2)
+            wait_for(lambda: self.cut.message.severed_area > uncut, "tissue to part")
+            x, y, z = numpy.array(forces).T
+            self.assertGreater(x.max(), 50, "of the blade on the tissue: to the left, as it goes")
+            self.assertGreater(x.min(), -0.1 * x.max())
+            self.assertLess(max(numpy.abs(y).max(), numpy.abs(z).max()), 0.3 * x.max())
+            self.blade.publish(False)
+            wait_for(lambda: not self.state.fresh().tools[0].cuts, "the blade to be off")
+            wait_for(lambda: forces[-1] == [0, 0, 0], "no force")
+
     def test_a_stroke_makes_two_pieces(self):
         self.assertEqual(len(large_pieces(self.first)), 1)
+        with self.felt() as forces:
+            self.make_two_pieces()
+        self.assertEqual(numpy.abs(forces).max(), 0, "tissue without resistance")
+
+    def make_two_pieces(self):
         begin, told = len(self.states), self.cut.message.stroke if self.cut.message else 0
         topology = self.stroke()
         pieces = large_pieces(topology)
@@ -182,30 +223,85 @@ class CutTest(unittest.TestCase):
             load([])
             self.assertEqual(len(self.first.tetrahedra), len(self.topologies[0].tetrahedra))
 
-    def test_a_pedal_and_a_jaw_switch_the_blade(self):
-        options = ["mesh/coarse_cells=6 5 5"]
-        with self.loaded("cut/trigger=energy", *options):
-            self.appear([0, 0, 0])
-            self.energy.publish(Joy(buttons=[1]))
-            wait_for(lambda: self.state.fresh().tools[0].cuts, "the pedal to switch it on")
-            self.energy.publish(Joy(buttons=[0]))
-            wait_for(lambda: not self.state.fresh().tools[0].cuts, "and off")
-            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", options + ["cut/trigger=jaw"])
-            self.assertTrue(answer.success, answer.message)
-            self.tool.closed = True
-            wait_for(lambda: self.state.fresh().tools[0].cuts, "the jaw to switch it on")
-            self.tool.closed = False
-            wait_for(lambda: not self.state.fresh().tools[0].cuts, "and off")
+    def parts_while(self, on, off, what):
+        """Nothing while it is off, then what the blade goes through while it is on, then nothing again."""
+        self.appear([0.85 * self.low[0] + 0.15 * self.high[0], 0, self.height])
+        self.sweep(0.2)
+        self.assertFalse(self.state.fresh().tools[0].cuts)
+        whole = self.revision()
+        on()
+        wait_for(lambda: self.state.fresh().tools[0].cuts, what + " to switch it on")
+        self.sweep(0.28)
+        wait_for(lambda: self.revision() > whole and self.cut.message.severed_area > 0, "tissue to part")
+        off()
+        wait_for(lambda: not self.state.fresh().tools[0].cuts, what + " to switch it off")
+        cut = self.revision()
+        self.sweep(0.33)
+        self.assertEqual(self.revision(), cut, "nothing more")
+        self.tool.reset()
 
-    def test_save_volume_has_the_cut(self):
+    def test_what_switches_the_blade(self):
+        def load(trigger):
+            answer = call("load_scan", LoadScan, "phantom:72x48x60", "", ["mesh/coarse_cells=6 5 5", "cut/trigger=" + trigger])
+            self.assertTrue(answer.success, answer.message)
+            wait_for(lambda: not self.state.fresh().tools[0].present, "the knife to be away")
+        with self.loaded("cut/trigger=energy", "mesh/coarse_cells=6 5 5"):
+            self.parts_while(lambda: self.energy.publish(Joy(buttons=[1])), lambda: self.energy.publish(Joy(buttons=[0])), "the pedal")
+            load("jaw")
+            self.parts_while(lambda: setattr(self.tool, "closed", True), lambda: setattr(self.tool, "closed", False), "the jaw")
+            load("always")
+            self.appear([self.low[0] - 0.01, 0, self.height])  # with neither pedal nor jaw nor word
+            self.assertTrue(self.state.fresh().tools[0].cuts)
+            whole = self.revision()
+            self.sweep(0.1)
+            wait_for(lambda: self.revision() > whole and self.cut.message.severed_area > 0, "tissue to part")
+
+    def test_a_cut_that_is_pulled_open_is_seen_and_saved(self):
+        """By stock rviz: triangles, points and a slice; and in the volume that is written."""
         def saved(name):
             answer = call("save_volume", SaveVolume, name)
             self.assertTrue(answer.success, answer.message)
             return nifti_voxels(self.folder + "/" + name)
-        whole = saved("whole.nii.gz")
+
+        def gap(before, now):
+            """Background where tissue was, with tissue above and below: of voxels or pixels, the first axis is along the body."""
+            tissue = now > -300
+            between = numpy.maximum.accumulate(tissue, axis=0) & numpy.maximum.accumulate(tissue[::-1], axis=0)[::-1]
+            return int(((before > -300) & (now == -1000) & between).sum())
+
+        def pixels():
+            """Of the newest slice; it is sent as the volume changes."""
+            image = shown["volume/slice/sagittal"].message
+            return numpy.frombuffer(image.data, dtype=numpy.float32).reshape(image.height, image.width)
+
+        def follows(topology):
+            """Marker and points have the nodes and triangles of this topology."""
+            wait_for(lambda: len(shown["mesh/marker"].fresh().points) == len(topology.triangles), "mesh/marker")
+            wait_for(lambda: shown["mesh/points"].fresh().width == len(topology.rest_parent), "mesh/points")
+        shown = {topic: Latest(topic, kind) for topic, kind in (("mesh/marker", Marker), ("mesh/points", PointCloud2), ("volume/slice/sagittal", Image))}
+        grasper, contact = Tool("grasper", "tissue"), Latest("grasper/contact", ContactState)
+        self.addCleanup(lambda: [latest.close() for latest in list(shown.values()) + [contact]])
+        self.addCleanup(grasper.reset)
+        whole, slice_of_whole = saved("whole.nii.gz"), wait_for(lambda: shown["volume/slice/sagittal"].message and pixels(), "the slice")
+        follows(self.first)
         answer = self.cut_line()
         self.assertTrue(answer.success, answer.message)
+        topology = self.wait_for_revision(answer.revision)
+        self.assertGreater(len(topology.triangles), len(self.first.triangles))
+        self.assertGreater(len(topology.rest_parent), len(self.first.rest_parent))
+        follows(topology)
         numpy.testing.assert_array_equal(saved("closed.nii.gz"), whole, "a cut that stays closed shows nothing")
+        grasper.appear([0, self.low[1] + 0.04, self.height + 0.01])
+        grasper.take_hold(contact)
+        for _ in range(15):
+            grasper.position[2] += 0.002
+            self.state.fresh()
+        wait_for(lambda: gap(slice_of_whole, pixels()) > 10, "a gap in the slice")
+        self.assertGreater(gap(whole, saved("open.nii.gz")), 100)
+        grasper.reset()
+        self.assertTrue(call("undo_cut", Trigger).success)
+        follows(self.wait_for_revision(self.first.revision))
+        wait_for(lambda: numpy.abs(pixels() - slice_of_whole).max() < 100, "the slice to be as before")
 
     # ---- a session, recorded
 
