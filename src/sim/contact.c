@@ -9,7 +9,6 @@
 #include "contact/tissue.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
-#include "fem/patch/patch.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -365,7 +364,7 @@ static double thinnest_of(const pliant_contact_search *search)
 bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
 {
     if (!data->contact_search || !data->solver || !(thinnest_of(data->contact_search) < INFINITY)) return false;
-    return pliant_contact_turn(model, data) <= 1 && !data->falling && pliant_patch_serves(data) == 0; /* the step has yet to place pieces and what a patch solves */
+    return pliant_contact_turn(model, data) <= 1;
 }
 
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
@@ -378,7 +377,9 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const p
     if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
     search->made.count = 0;
     pliant_status status = gather_parts(model, data, way);
-    if (status == PLIANT_OK) status = pliant_contact_find_passed(search->finder, body, positions, search->num_parts, search->part, &search->made);
+    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL; /* which stay until the step places them */
+    if (status == PLIANT_OK)
+        status = pliant_contact_find_passed(search->finder, body, positions, pieces ? pieces->of_node : NULL, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(start->points, start->points->count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);

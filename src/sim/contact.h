@@ -72,6 +72,8 @@ bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
 /* Whether anything that tissue can get by pressed as the last step ended. */
 bool pliant_contact_presses(const pliant_model *model, const pliant_data *data);
+/* Whether a tool holds a piece that has come off, or may come near one in this step. */
+bool pliant_contact_nears_pieces(const pliant_model *model, pliant_data *data);
 /* Over parts of obstacles, and of tools that tissue is near, the most of how far one and the tissue near it go in this step, over its depth; every node goes on by its increment (nodes x 3) so
  * many times [m]. */
 double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);

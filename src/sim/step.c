@@ -110,27 +110,39 @@ static pliant_status move_patch(const pliant_model *model, pliant_data *data)
     return status;
 }
 
+static pliant_status move_pieces(const pliant_model *model, pliant_data *data)
+{
+    if (!data->falling) return PLIANT_OK;
+    const bool anew = pliant_falling_step(data);
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
+    return anew ? pliant_backend_restart(model, data) : PLIANT_OK;
+}
+
 /* By the CPU, whoever runs the other stages. Where it fails, the step is undone: another backend goes on from before it, too. */
 static pliant_status patch(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = move_patch(model, data);
-    if (status < 0 || !data->falling) return status;
-    const bool anew = pliant_falling_step(data);
-    for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
-    pliant_status restarted = anew ? pliant_backend_restart(model, data) : PLIANT_OK;
-    return restarted < 0 ? restarted : status;
+    const pliant_status status = move_patch(model, data), moved = status < 0 ? PLIANT_OK : move_pieces(model, data);
+    return moved < 0 ? moved : status;
 }
 
 /* contact/response paper without its delay looks for what overlaps in every sub-step */
 static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
 
-/* The positions that a solve led to, on the host. */
+/* The positions that a solve led to, on the host, with what a patch makes of them; pieces stay where they were. */
 static pliant_status place(const pliant_model *model, pliant_data *data, bool upsamples)
 {
+    pliant_solver *solver = data->solver;
     const double start = pliant_seconds();
     pliant_status status = upsamples ? data->backend->upsample(model, data) : PLIANT_OK;
     if (status >= 0 && data->backend->bring) status = data->backend->bring(model, data);
     data->statistics.seconds[PLIANT_STEP_upsample] += pliant_seconds() - start;
+    if (status >= 0 && pliant_patch_serves(data) > 0) {
+        const double begun = pliant_seconds(), clock = solver->clock(solver->clock_user);
+        status = move_patch(model, data);
+        solver->spent += solver->clock(solver->clock_user) - clock;
+        data->statistics.seconds[PLIANT_STEP_patch] += pliant_seconds() - begun;
+    }
+    if (data->falling) pliant_falling_stay(data->falling, data->positions);
     return status;
 }
 
@@ -161,18 +173,21 @@ static bool goes_wrong(const pliant_model *model, pliant_data *data, const plian
 /* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool, from where it began if that is kept: where
  * tissue has got by, it has gone astray. One with a budget takes no more of them than there is time for. Where solving again fails, the step stays as it was solved.
  * *wrong: tissue still gets by, or is inside out. Errors: UNAVAILABLE. */
-static pliant_status solve_again(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, pliant_status first, bool *wrong)
+static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_substeps *parts, pliant_status first, bool *wrong)
 {
     enum { MOST = 6 };
     const bool kept = parts->kept;
     const pliant_contact_start begun = pliant_substeps_start(data, parts);
     int again = 0;
     const bool may_pass = pliant_contact_may_pass(model, data);
+    parts->patched = false;
     if (!may_pass && parts->at == parts->count) return first;
     pliant_status status = place(model, data, false); /* the next part begins there, too */
     if (status < 0) return status;
+    parts->patched = pliant_patch_serves(data) > 0;
+    if (status == PLIANT_OK) status = first;
+    first = status;
     if (!may_pass) return first;
-    status = first;
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
@@ -189,23 +204,23 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, c
             break;
         }
         const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
-        if (placed < 0) status = placed;
+        if (placed != PLIANT_OK) status = placed;
     }
     *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
     return status;
 }
 
-/* One stage, timed. goes_on: it was run in this step before */
-static pliant_status run_stage(const pliant_model *model, pliant_data *data, int stage, bool goes_on)
+/* One stage, timed. goes_on: it was run in this step before; patched: so was the patches' part of theirs */
+static pliant_status run_stage(const pliant_model *model, pliant_data *data, int stage, bool goes_on, bool patched)
 {
     const pliant_backend *backend = data->backend;
-    pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, solve, backend->upsample, patch, backend->warp};
+    pliant_status (*const stages[])(const pliant_model *, pliant_data *) = {pliant_cut_stage, interact, pliant_contact_stage, solve, backend->upsample, patched ? move_pieces : patch, backend->warp};
     _Static_assert(sizeof stages / sizeof *stages == PLIANT_NUM_STEP_STAGES, "one function a stage, in order");
     const double start = pliant_seconds();
     const bool beyond = stage == PLIANT_STEP_solve && data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model));
     const int32_t iterations = data->statistics.iterations;
     const pliant_status status = beyond ? pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near something, and that contact is the CPU's") : stages[stage](model, data);
-    data->statistics.seconds[stage] = pliant_seconds() - start + (goes_on ? data->statistics.seconds[stage] : 0);
+    data->statistics.seconds[stage] = pliant_seconds() - start + (goes_on || (patched && stage == PLIANT_STEP_patch) ? data->statistics.seconds[stage] : 0);
     if (stage == PLIANT_STEP_solve && goes_on) data->statistics.iterations += iterations;
     return status;
 }
@@ -222,7 +237,8 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         bool wrong = false, more = false;
         const bool goes_on = !whole && stage >= PLIANT_STEP_contact && stage <= PLIANT_STEP_upsample;
         if (goes_on) take_no_more(data);
-        pliant_status status = run_stage(model, data, stage, goes_on);
+        if (stage == PLIANT_STEP_contact && whole) data->statistics.seconds[PLIANT_STEP_patch] = 0;
+        pliant_status status = run_stage(model, data, stage, goes_on, parts->patched);
         if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, parts, *caveat, &wrong)) >= 0) *caveat = status;
         data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
         /* the first stages are the host's own */

@@ -1,6 +1,7 @@
 #include "sim/substeps.h"
 
 #include "backend/backend.h"
+#include "fem/falling/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
@@ -21,6 +22,7 @@ typedef struct placed {
 /* What a step began with, of the stages from contact to upsample. */
 struct pliant_step_begin {
     placed part, last;               /* as the solve of the step, or of the part that it is at, began, and as it ended last */
+    const double *positions;         /* of the fine mesh, as the step began [m] */
     placed step;                     /* as the step began, and all that follows, of one that may be taken in parts; without points */
     pliant_contact_kept contact;
     double force[PLIANT_MAX_TOOLS][3];   /* of their handles [N] */
@@ -44,11 +46,23 @@ static void copy(const pliant_data *data, const placed *from, placed *to)
     memcpy(to->solved, from->solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *to->solved);
 }
 
+/* The nodes that stand for pieces in a solver of the fine mesh: where it keeps them fixed, which is not where a download has found them. */
+static void fix_pieces(const pliant_data *data, double *solved)
+{
+    const pliant_system *system = data->solver->system;
+    if (!data->falling || !data->backend->download || system->mesh != system->fine) return;
+    for (int32_t n = 0; n < data->body->fine.num_nodes; n++) {
+        const double *home = pliant_falling_home(data->falling, n);
+        if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
+    }
+}
+
 static void take(const pliant_model *model, pliant_data *data, placed *out)
 {
     if (data->backend->download) data->backend->download(model, data);
     const placed now = {.positions = data->positions, .solved = data->solver->now.x};
     copy(data, &now, out);
+    fix_pieces(data, out->solved);
 }
 
 /* Errors: of a backend that cannot go on from there. */
@@ -60,6 +74,7 @@ static pliant_status put(const pliant_model *model, pliant_data *data, const pla
     copy(data, at, &now);
     pliant_solver_moved(solver);
     (void)pliant_solver_touch(solver, NULL, NULL, NULL); /* those of where it was */
+    if (pliant_patch_serves(data) > 0) pliant_patch_moved(data, data->step_begin->positions);
     const pliant_status status = pliant_backend_move(model, data);
     solver->even = even;
     return status;
@@ -70,6 +85,9 @@ static bool reserve_placed(const pliant_data *data, placed *room)
     return reserve(&room->positions, &room->room_nodes, data->body->fine.num_nodes) && reserve(&room->solved, &room->room_solved, data->solver->system->mesh->num_nodes);
 }
 
+/* Of a tool, at the patches or at the model. */
+static pliant_handle *handle_of(const pliant_data *data, int tool) { return pliant_patch_solver(data, tool)->handles + tool; }
+
 /* false: there is no memory for it */
 static bool keep(const pliant_model *model, pliant_data *data)
 {
@@ -77,18 +95,19 @@ static bool keep(const pliant_model *model, pliant_data *data)
     struct pliant_step_begin *begin = data->step_begin;
     if (!reserve_placed(data, &begin->part)) return false;
     take(model, data, &begin->part);
+    begin->positions = begin->part.positions;
     return true;
 }
 
 /* All else, too. false: there is no memory for it */
 static bool keep_all(pliant_data *data)
 {
-    const pliant_solver *solver = data->solver;
     struct pliant_step_begin *begin = data->step_begin;
     if (!reserve_placed(data, &begin->step) || pliant_contact_keep(data, &begin->contact) != PLIANT_OK) return false;
     copy(data, &begin->part, &begin->step);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(begin->force[t], solver->handles[t].force, sizeof begin->force[t]);
-    begin->even = solver->even;
+    begin->positions = begin->step.positions;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(begin->force[t], handle_of(data, t)->force, sizeof begin->force[t]);
+    begin->even = data->solver->even;
     return true;
 }
 
@@ -96,9 +115,8 @@ static bool keep_all(pliant_data *data)
 static pliant_status go_back(const pliant_model *model, pliant_data *data)
 {
     const struct pliant_step_begin *begin = data->step_begin;
-    pliant_solver *solver = data->solver;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, begin->force[t], sizeof begin->force[t]);
-    solver->even = begin->even;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(handle_of(data, t)->force, begin->force[t], sizeof begin->force[t]);
+    data->solver->even = begin->even;
     return put(model, data, &begin->step);
 }
 
@@ -111,7 +129,7 @@ static void go(const pliant_model *model, pliant_data *data, const pliant_subste
     for (int t = 0; t < data->num_tools && parts->most > 1; t++) {
         const pliant_tool *end = data->step_begin->contact.tools + t; /* where it was set to, and from where */
         pliant_tool *tool = data->tools + t;
-        pliant_handle *handle = data->solver->handles + t;
+        pliant_handle *handle = handle_of(data, t);
         pliant_contact_go(model, end, share, tool);
         for (int d = 0; d < 3 && pliant_handle_is_spring(handle); d++) handle->target[d] = parts->target[t][d] + (tool->tip[d] - end->tip[d]);
     }
@@ -124,11 +142,11 @@ void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_
     if (!data->solver) return;
     data->solver->spent = data->solver->reserved = 0;
     const bool far = pliant_contact_goes_far(model, data);
-    if (data->falling || pliant_patch_serves(data) > 0 || !(far || pliant_contact_presses(model, data)) || !keep(model, data)) return;
+    if (!(far || pliant_contact_presses(model, data)) || !keep(model, data)) return;
     parts->kept = true;
-    if (!far || !keep_all(data)) return;
+    if (!far || pliant_contact_nears_pieces(model, data) || !keep_all(data)) return; /* pieces go the whole step at once */
     parts->most = MOST;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], data->solver->handles[t].target, sizeof parts->target[t]);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], handle_of(data, t)->target, sizeof parts->target[t]);
     while (parts->count < parts->most && pliant_contact_turn(model, data) > parts->count) parts->count *= 2;
     if (parts->count > 1) go(model, data, parts);
 }

@@ -11,12 +11,13 @@ extern "C" {
 typedef struct pliant_substeps {
     int32_t count, at;     /* 0: it has not begun; 1: the step is whole; which of them it is at, from 1 */
     int32_t most;          /* that it may be taken in */
+    bool patched;          /* a patch has had its part of it */
     bool kept;             /* where nodes were as it, or the part that it is at, began, and with which points */
     double left;           /* share of the budget as the parts begin */
     double target[PLIANT_MAX_TOOLS][3]; /* of tools that hold by springs, as the step ends [m] */
 } pliant_substeps;
 
-/* Before the contact stage, as a whole, or in as many parts as tools turn far for. Where something presses that tissue can get by, or tools go far, it is kept where nodes
+/* Before the contact stage, as a whole, or in as many parts as tools turn far for, if none may come near a piece that has come off. Where something presses that tissue can get by, or tools go far, it is kept where nodes
  * are; in the latter case all that the step begins with. */
 void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
 /* The points of the step, or of the part that it is at, are found: forces and anchors that it begins with are kept, where nodes are. */

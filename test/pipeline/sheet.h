@@ -7,7 +7,10 @@
 
 // A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
 struct Sheet : Body {
-    explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR, bool dynamic = false) : Body(size, box, {{4000, 0.4, 1000, false}})
+    // also: what else the scene says
+    explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR, bool dynamic = false,
+                   const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {})
+        : Body(size, box, {{4000, 0.4, 1000, false}})
     {
         fix_plane(0.001, 0, 0, 1, 0, 0);
         fix_plane(0.059, 0, 0, -1, 0, 0);
@@ -19,6 +22,7 @@ struct Sheet : Body {
         scene.contact.friction = friction;
         scene.element.kind = element;
         if (dynamic) scene.solver.kind = PLIANT_TLED;
+        also(scene);
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
     }
     int add(const char *name, const pliant_tool_shape &shape, double x, double y, double z)
@@ -35,12 +39,15 @@ struct Sheet : Body {
         const double tip[3] = {x, y, z};
         ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, rotation), PLIANT_OK);
     }
-    // of any node from where it rests; NAN: a position is none
+    // of any node from where it rests, but for those of pieces; NAN: a position is none
     double farthest() const
     {
         double most = 0;
-        const pliant_mesh &fine = model->body->fine;
+        const pliant_mesh &fine = data->body->fine;
+        std::vector<char> off(static_cast<size_t>(fine.num_nodes));
+        for (int32_t i = 0; data->body->pieces && i < data->body->pieces->start[data->body->pieces->count]; i++) off[data->body->pieces->node[i]] = 1;
         for (int32_t n = 0; n < 3 * fine.num_nodes; n++) {
+            if (off[n / 3]) continue;
             if (!std::isfinite(data->positions[n])) return NAN;
             most = std::fmax(most, std::fabs(data->positions[n] - fine.rest[n]));
         }

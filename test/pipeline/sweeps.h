@@ -7,15 +7,21 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <random>
 #include <vector>
 
-// Of steps: until they are solved, within a budget, or even, as live ones are; of which elements; of explicit dynamics.
+// What else there is, beside the sweep.
+enum class Beside { Nothing, Piece /* has come off */, Patch /* serves a ball that presses a corner */ };
+
+// Of steps: until they are solved, within a budget, or even, as live ones are; of which elements; of explicit dynamics; by which method, on coarse elements of twice the width.
 struct Mode {
     double budget_ms = 0;
     pliant_background_kind background = PLIANT_BACKGROUND_PLANNED; // prescribed: as in a live run in which nothing that is made in the background comes in time, which is the same everywhere
     pliant_element_kind element = PLIANT_LINEAR;
     bool dynamic = false;
+    pliant_method method = PLIANT_FINE;
+    Beside beside = Beside::Nothing;
 };
 
 // A tool and its way into the sheet.
@@ -62,9 +68,47 @@ inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, i
     return false;
 }
 
+// A part of the sheet's free side is cut off, and far from it.
+inline void cut_off(Sheet &sheet)
+{
+    const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01}, down[3] = {0, 0, -0.02};
+    ASSERT_EQ(pliant_data_cut(sheet.model, sheet.data, 4, way, down, nullptr), PLIANT_OK) << pliant_last_error();
+    const pliant_body *body = sheet.data->body;
+    ASSERT_TRUE(body->pieces);
+    std::vector<double> positions(sheet.data->positions, sheet.data->positions + 3 * body->fine.num_nodes);
+    for (int32_t i = 0; i < body->pieces->start[body->pieces->count]; i++) positions[3 * body->pieces->node[i] + 1] -= 0.2;
+    ASSERT_EQ(pliant_data_set_positions(sheet.model, sheet.data, positions.data()), PLIANT_OK) << pliant_last_error();
+}
+
+// A ball presses a corner of the sheet until a patch serves it.
+inline void press_a_corner(Sheet &sheet)
+{
+    const int tool = sheet.add("press", ball(0.004), 0.012, 0.008, 0.009);
+    for (int step = 0; step < 30 && sheet.data->statistics.patched == 0; step++) {
+        sheet.move(tool, 0.012, 0.008, 0.009 - 0.0005 * std::min(step, 4));
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
+    }
+    ASSERT_EQ(sheet.data->statistics.patched, 1);
+}
+
+inline std::unique_ptr<Sheet> sheet_for(const Way &on, const Mode &mode)
+{
+    auto made = std::make_unique<Sheet>(1, on.friction, mode.budget_ms, mode.element, mode.dynamic, [&mode](pliant_scene &scene) {
+        scene.model.method = mode.method;
+        scene.mesh.ratio = mode.method == PLIANT_FINE ? 1 : 2;
+        if (mode.beside == Beside::Piece) scene.cut.kind = mode.method == PLIANT_FINE ? PLIANT_CUT_SUBDIVIDE : PLIANT_CUT_SEVER;
+        if (mode.beside == Beside::Patch) scene.model.patch = 0.012;
+        if (mode.beside == Beside::Piece) scene.warp.margin = 1;
+    });
+    if (mode.beside == Beside::Patch) press_a_corner(*made);
+    if (mode.beside == Beside::Piece) cut_off(*made);
+    return made;
+}
+
 inline Swept sweep(const Way &on, Mode mode = {})
 {
-    Sheet sheet(1, on.friction, mode.budget_ms, mode.element, mode.dynamic);
+    const std::unique_ptr<Sheet> made = sheet_for(on, mode);
+    Sheet &sheet = *made;
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
     bool meets_held = false;
     EXPECT_EQ(pliant_data_set_background(sheet.data, mode.background, 0), PLIANT_OK);

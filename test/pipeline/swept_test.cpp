@@ -4,6 +4,7 @@
 #include "pliant/memory.h"
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
 namespace {
@@ -29,6 +30,29 @@ TEST(Swept, NothingIsSweptThroughTheSheet)
     const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)), number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
                        number_from("PLIANT_SWEEPS_HEXAHEDRA", 0) ? PLIANT_HEXAHEDRA : PLIANT_LINEAR};
     EXPECT_EQ(count_swept_through(14, mode), 0);
+}
+
+std::array<double, 3> at_end(const Way &on) { return {on.from[0] + on.way[0], on.from[1] + on.way[1], on.from[2] + on.way[2]}; }
+Mode coarse(Beside beside) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, beside}; }
+Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, Beside::Piece}; }
+
+// By a homogenized method, beside what a patch serves, and beside a piece that has come off: the first ones, and those that went through while such steps were not looked through. More of
+// them (PLIANT_SWEEPS): contact/NUMERICS.
+TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
+{
+    for (const Mode &mode : {coarse(Beside::Nothing), coarse(Beside::Patch), cut()}) {
+        SCOPED_TRACE(testing::Message() << "method " << mode.method << ", beside " << static_cast<int>(mode.beside));
+        EXPECT_EQ(count_swept_through(2, mode), 0);
+    }
+    Sweeps beside_a_patch, beside_a_piece;
+    for (const int n : {0, 56}) {
+        const Way on = beside_a_patch.at(n);
+        EXPECT_FALSE(is_through(sweep(on, coarse(Beside::Patch)), on)) << n;
+    }
+    for (const int n : {11, 68}) {
+        const Way on = beside_a_piece.at(n);
+        EXPECT_FALSE(is_through(sweep(on, cut()), on)) << n;
+    }
 }
 
 // The first 28 at 2 m/s, as fast as tools are followed, and through a sheet of hexahedra. Of more of them some get through: contact/NUMERICS.
@@ -119,33 +143,41 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
     }
 }
 
-// Wherever memory runs out in it, a step in parts leaves the state before it, or is done; and the next one goes on.
+// Wherever memory runs out in it, a step in parts leaves the state before it, or is done; and the next one goes on. Beside patches and pieces, too.
 TEST(Swept, AStepInPartsThatFailsIsUndone)
 {
-    const Way on = Sweeps().at(534);
-    int failed = 0;
-    for (int64_t calls = 0; calls < 240; calls += 8) {
-        Sheet sheet(1, on.friction);
-        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-        for (int step = 0; step <= on.steps(); step++) {
-            move(sheet, tool, on, step);
-            if (step < on.steps()) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+    struct { Mode mode; int number, stride; } runs[] = {{Mode{}, 534, 8}, {coarse(Beside::Patch), 56, 24}, {cut(), 11, 24}};
+    for (const auto &run : runs) {
+        SCOPED_TRACE(run.number);
+        const Way on = Sweeps().at(run.number);
+        int failed = 0;
+        const std::unique_ptr<Sheet> sheet = sheet_for(on, run.mode);
+        const int tool = sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
+        for (int step = 0; step < on.steps(); step++) {
+            move(*sheet, tool, on, step);
+            ASSERT_GE(pliant_step(sheet->model, sheet->data), 0);
         }
-        const std::vector<double> before(sheet.data->positions, sheet.data->positions + 3 * sheet.data->body->fine.num_nodes);
-        pliant_memory_fail_after(calls);
-        const pliant_status status = pliant_step(sheet.model, sheet.data);
-        pliant_memory_fail_after(-1);
-        if (status < 0) {
-            failed++;
-            EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
-            EXPECT_EQ(before, std::vector<double>(sheet.data->positions, sheet.data->positions + before.size())) << "after " << calls << " allocations";
-            double tip = 0;
-            for (int d = 0; d < 3; d++) tip += std::fabs(sheet.data->tools[tool].tip[d] - on.from[d] - on.way[d]);
-            EXPECT_LT(tip, 1e-12);
+        const std::vector<double> before(sheet->data->positions, sheet->data->positions + 3 * sheet->data->body->fine.num_nodes);
+        for (int64_t calls = 0; calls < 240; calls += run.stride) {
+            pliant_data *data = nullptr;
+            ASSERT_EQ(pliant_data_copy(sheet->model, sheet->data, &data), PLIANT_OK);
+            ASSERT_EQ(pliant_tool_set_pose(data, tool, at_end(on).data(), on.rotation), PLIANT_OK);
+            pliant_memory_fail_after(calls);
+            const pliant_status status = pliant_step(sheet->model, data);
+            pliant_memory_fail_after(-1);
+            if (status < 0) {
+                failed++;
+                EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
+                EXPECT_EQ(before, std::vector<double>(data->positions, data->positions + before.size())) << "after " << calls << " allocations";
+                double tip = 0;
+                for (int d = 0; d < 3; d++) tip += std::fabs(data->tools[tool].tip[d] - on.from[d] - on.way[d]);
+                EXPECT_LT(tip, 1e-12);
+            }
+            EXPECT_GE(pliant_step(sheet->model, data), 0) << "after " << calls << " allocations";
+            pliant_data_free(data);
         }
-        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        EXPECT_GT(failed, 0);
     }
-    EXPECT_GT(failed, 0);
 }
 
 // A ball slides along the sheet with friction, and a needle comes up beside it, by which steps are solved again.
@@ -250,21 +282,27 @@ TEST(Swept, AStepThatIsSolvedAgainWithoutMemoryIsWhole)
 // The parts follow from what a record has: poses, and what live steps took of what was made in the background.
 TEST(Swept, AStepInPartsIsPlayedBackToTheBit)
 {
-    const Way on = Sweeps().at(534);
-    std::vector<uint32_t> taken;
-    std::vector<double> ended[2];
-    for (int run = 0; run < 2; run++) { // live, and played back
-        Sheet sheet(1, on.friction);
-        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-        for (int step = 0; step < on.steps() + 4; step++) {
-            move(sheet, tool, on, step);
-            ASSERT_EQ(pliant_data_set_background(sheet.data, run == 0 ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED, run == 0 ? 0 : taken[step]), PLIANT_OK);
-            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
-            if (run == 0) taken.push_back(pliant_data_get_background_taken(sheet.data));
+    struct { Mode mode; int number; } runs[] = {{Mode{}, 534}, {coarse(Beside::Patch), 56}, {cut(), 11}};
+    int32_t parts = 1;
+    for (const auto &run : runs) {
+        const Way on = Sweeps().at(run.number);
+        std::vector<uint32_t> taken;
+        std::vector<double> ended[2];
+        for (int played = 0; played < 2; played++) { // live, and played back
+            const std::unique_ptr<Sheet> sheet = sheet_for(on, run.mode);
+            const int tool = sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
+            for (int step = 0; step < on.steps() + 4; step++) {
+                move(*sheet, tool, on, step);
+                ASSERT_EQ(pliant_data_set_background(sheet->data, played ? PLIANT_BACKGROUND_PRESCRIBED : PLIANT_BACKGROUND_LIVE, played ? taken[step] : 0), PLIANT_OK);
+                ASSERT_GE(pliant_step(sheet->model, sheet->data), 0);
+                if (!played) taken.push_back(pliant_data_get_background_taken(sheet->data));
+                parts = std::max(parts, sheet->data->parts);
+            }
+            ended[played].assign(sheet->data->positions, sheet->data->positions + 3 * sheet->data->body->fine.num_nodes);
         }
-        ended[run].assign(sheet.data->positions, sheet.data->positions + 3 * sheet.data->body->fine.num_nodes);
+        EXPECT_EQ(ended[0], ended[1]) << run.number;
     }
-    EXPECT_EQ(ended[0], ended[1]);
+    EXPECT_GT(parts, 1);
 }
 
 } // namespace

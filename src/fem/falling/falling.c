@@ -174,6 +174,13 @@ void pliant_falling_set_positions(pliant_falling *falling, const double *positio
     memset(falling->pieces, 0, (size_t)pieces->count * sizeof *falling->pieces);
 }
 
+void pliant_falling_stay(const pliant_falling *falling, double *positions)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    for (int32_t i = 0; !falling->body->has_inertia && i < nodes_of(falling); i++)
+        memcpy(positions + 3 * (size_t)pieces->node[i], falling->x + 3 * (size_t)i, 3 * sizeof *falling->x);
+}
+
 /* The next step pulls from where this one has pulled to. */
 static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *const *grips, const pliant_rigid_pull *pulls)
 {
@@ -381,8 +388,7 @@ bool pliant_falling_step(pliant_data *data)
         pliant_falling_is_touched(falling, &data->contacts);
         move_all(falling, data);
         move_origins(falling, data);
-        for (int32_t i = 0; i < nodes_of(falling); i++)
-            memcpy(data->positions + 3 * (size_t)pieces->node[i], falling->x + 3 * (size_t)i, 3 * sizeof *falling->x);
+        pliant_falling_stay(falling, data->positions);
         return false;
     }
     for (int32_t p = 0; p < pieces->count; p++) {

@@ -38,6 +38,8 @@ bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *c
 /* As foreseen; NULL: explicit dynamics moves them. */
 const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling);
 
+/* Amid a step: their nodes are where it found them. Explicit dynamics moves them itself. */
+void pliant_falling_stay(const pliant_falling *falling, double *positions);
 /* They are there, and do not move. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
 

@@ -385,6 +385,18 @@ static void undo(pliant_patch *patch, pliant_data *data)
         memcpy(pliant_patch_solver(data, t)->handles[t].force, room->force + 3 * t, sizeof data->tools[t].force);
 }
 
+void pliant_patch_moved(pliant_data *data, const double *begun)
+{
+    pliant_patch *patch = data->patch;
+    double *room = patch->room.positions;
+    start_at(data, patch->basis, room, patch->solver->now.x);
+    const pliant_even even = patch->solver->even;
+    patch->solver->loaded = false;
+    restart(patch->solver);
+    patch->solver->even = even;
+    memcpy(room, begun, 3 * (size_t)data->body->fine.num_nodes * sizeof *room);
+}
+
 pliant_status pliant_patch_step(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
@@ -400,7 +412,7 @@ pliant_status pliant_patch_step(pliant_data *data)
     solver->background = &data->background;
     solver->takes_factor = PLIANT_TAKES_PATCH_FACTOR;
     solver->takes_history = PLIANT_TAKES_PATCH_HISTORY;
-    if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve], 1e-9);
+    if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve] - statistics->seconds[PLIANT_STEP_patch], 1e-9);
     follow(patch, data->positions);
     pliant_status status = pliant_solver_touch(solver, &patch->inside, NULL, solver->now.x);
     if (status == PLIANT_OK) status = pliant_solver_step(solver, &own);

@@ -48,6 +48,8 @@ pliant_status pliant_patch_hold(pliant_data *data, int tool);
  * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. What is
  * told of the tools (pliant_tool_report) changes with it. */
 pliant_status pliant_patch_step(pliant_data *data);
+/* Amid a step that they serve in, nodes and the coarse model are elsewhere, and they go there. begun: data->positions as the step began. */
+void pliant_patch_moved(pliant_data *data, const double *begun);
 /* The displacement is dropped: the nodes are where the coarse model has them. */
 void pliant_patch_flatten(pliant_patch *patch);
 
