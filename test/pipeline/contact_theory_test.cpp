@@ -160,6 +160,36 @@ TEST(ContactTheory, AFlatToolSticksAndSlidesAtMu)
     }
 }
 
+// A shaft that lies on tissue and is drawn along its own axis: its surface stays where it is, and the tissue slides along it all the same. It feels mu N, N being what
+// presses along the points' own normals, around the shaft.
+TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
+{
+    for (const double friction : {0.1, 0.3}) {
+        Block block(6, 4, 0.3);
+        block.scene.contact.friction = friction;
+        block.fix_below();
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        const double radius = 0.02;
+        const int tool = add_tool(block, "shaft", {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {-0.2, 0, 0}, {0.2, 0, 0}, radius, false, nullptr});
+        for (int s = 1; s <= 4; s++) {
+            place(block, tool, block.edge / 2, 0.0553, block.height + radius - 0.002 * s);
+            press(block, tool, 2);
+        }
+        EXPECT_LT(std::fabs(felt(block, tool).by[0]), 0.02 * felt(block, tool).presses); // not drawn yet
+        Force force{};
+        double first = 0;
+        for (int s = 0; s < 12; s++) {
+            place(block, tool, block.edge / 2 + 0.002 * (s + 1), 0.0553, block.height + radius - 0.008);
+            force = press(block, tool, 2);
+            if (s == 0) first = force.by[0] / force.presses;
+        }
+        EXPECT_GT(force.presses, 1);
+        EXPECT_GT(first, 0.1 * friction);
+        EXPECT_NEAR(force.by[0] / force.presses, friction, 2e-3 * friction);
+        EXPECT_NEAR(force.slides / force.presses, friction, 1e-6);
+    }
+}
+
 // What is cut off lands on a plane and lies there; with gravity aslant it stays below tan = mu (after friction's springs have given way, by 0.02 mm), and above goes faster
 // in every step by g (sin - mu cos) times the step. What touches something is held back by 5 /s times its speed beside that (fem/falling/rigid.c).
 TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)

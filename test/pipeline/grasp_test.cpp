@@ -57,6 +57,37 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
     EXPECT_NEAR(weak.last_force, 0, 1e-6) << "it has slipped out";
 }
 
+// The same in explicit dynamics, that is pulled by 12 mm: it is held and goes along, slips out of a weak grip, and no element is turned inside out.
+TEST(Grasp, JawsGripInExplicitDynamics)
+{
+    double lifted[2], force[2];
+    for (const bool strong : {false, true}) {
+        Tongue tongue(strong ? 0.5 : 0.05, [](pliant_scene &scene) {
+            scene.solver.kind = PLIANT_TLED;
+            scene.tled.damping = 20;
+        });
+        const double jaw = strong ? 0.2 : 0.32;
+        double least = 1, deepest = 0;
+        lifted[strong] = force[strong] = 0;
+        tongue.go(0.03, 0.7);
+        for (int s = 0; s < 4; s++) tongue.go(0.0225 - 0.0075 * s, 0.7);
+        for (int s = 1; s <= 12; s++) tongue.go(0, 0.7 + (jaw - 0.7) * s / 12);
+        for (int s = 1; s <= 12; s++) {
+            tongue.go(0.001 * s, jaw);
+            least = std::fmin(least, tongue.least_volume());
+            deepest = std::fmax(deepest, tongue.deepest());
+            if (s <= 4) lifted[strong] = std::fmax(lifted[strong], tongue.lifted()), force[strong] = std::fmax(force[strong], tongue.force());
+        }
+        std::printf("tled, %s: lifted %.2f mm with %.3f N, at last %.2f mm and %.4f N, least volume %.3f, %.3f mm deep\n", strong ? "strong" : "weak", 1e3 * lifted[strong], force[strong],
+                    1e3 * tongue.lifted(), tongue.force(), least, 1e3 * deepest);
+        EXPECT_GT(least, 0) << "an element is inside out";
+        EXPECT_LT(deepest, 5e-4);
+    }
+    EXPECT_GT(lifted[1], 0.002);
+    EXPECT_LT(lifted[0], 0.002);
+    EXPECT_GT(force[1], 3 * force[0]);
+}
+
 // The same ball pressed into a block of two materials by every method: nodes stay outside with all, and forces are what a coarse element of 50 mm makes of the
 // tissue under a ball of 60 mm: with model/patch they are the fine ones (grab_patch_test).
 TEST(Press, EveryMethodPressesBesideFine)
