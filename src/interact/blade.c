@@ -343,7 +343,7 @@ void pliant_blade_loosen(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
     if (blade->drags) pliant_tool_drop(tool);
-    blade->slips = false;
+    blade->slips = blade->springs = false;
     blade->work = 0;
     memset(blade->drawn, 0, sizeof blade->drawn);
     memset(blade->moved, 0, sizeof blade->moved);

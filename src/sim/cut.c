@@ -5,7 +5,8 @@
  * is the lesser part of it. When its work, k y^2 / 2, has reached toughness times the width of the edge in tissue times y, it slips: the tissue
  * is let go, comes back over the edge and is parted up to there. With k = 2 toughness width / drag that is at y = drag: a saw-tooth, as
  * Chanthasopeephan measured in liver (Ann Biomed Eng 31:1372, 2003), whose mean is toughness times width. What the parted area came to is
- * booked, so that over a stroke the work is toughness times area. */
+ * booked, so that over a stroke the work is toughness times area. A step that takes the blade a good part of `drag` on parts voxels within it, and
+ * drags on with what is left of the way (part_within). */
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "interact/blade.h"
@@ -18,8 +19,11 @@
 static const double fastest = 2.0;     /* of a blade [m/s]; beyond it, it has jumped */
 static const double swiftest = 0.5;    /* of tissue that comes over a blade beside it [m/s] */
 static const double backwards = 0.1;   /* a sweep begins so much behind the cut's end, so that no link between is missed [voxels] */
+static const double backwards_under_load = 0.5; /* and where that end springs back */
 static const double stirs = 0.05;      /* a blade that is nearer to the cut's end than this has not moved [voxels] */
 static const double chord = 0.25;      /* a turning blade's sweep is off by no more [voxels] */
+static const double far_on = 0.4;      /* of `drag`: a step that takes the blade further parts voxels within it */
+static const double far_on_with_inertia = 0.9; /* likewise: tissue that has inertia follows later */
 
 typedef struct knife {
     const pliant_model *model;
@@ -103,8 +107,10 @@ static bool part_to_blade(const knife *work, pliant_cut_report *report)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
-    extend(blade, edge->place, -backwards * work->least, edge->swept);
-    return part(work, edge->swept, edge->now, report);
+    extend(blade, edge->place, -(blade->springs ? backwards_under_load : backwards) * work->least, edge->swept);
+    if (!part(work, edge->swept, edge->now, report)) return false;
+    work->tool->blade.springs = false;
+    return true;
 }
 
 /* The blade is the cut's end, and nothing was in its way. */
@@ -236,13 +242,14 @@ static void slip(const knife *work, const double anchor[3])
     draw(work->tool);
 }
 
+static bool has_inertia(const knife *work) { return work->model->scene.solver.kind == PLIANT_TLED && !work->model->scene.tled.quasi_static; }
+
 /* Whether tissue that was let go still comes back: with inertia it takes more than a step. `swept` is where the edge was then. */
 static bool comes_back(const knife *work)
 {
     const pliant_edge *edge = &work->tool->blade.edge;
-    const pliant_scene *scene = &work->model->scene;
     double farthest = 0;
-    if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return false;
+    if (!has_inertia(work)) return false;
     for (int32_t p = 0; p < edge->count; p++) {
         double way[3];
         for (int d = 0; d < 3; d++) way[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
@@ -251,12 +258,42 @@ static bool comes_back(const knife *work)
     return farthest > pow(chord * work->least, 2);
 }
 
+/* Tissue parts within the step as far as the step's work pays for. With R = reach, k = 2 force / R, the way y before the step and L in it, what is left of
+ * the way is r where (k y + k r) L / 2, the work of the forces before and after, is force (y + L - r), what parts, and k (r^2 - y^2) / 2, what the
+ * spring keeps: r = R - y. What the balance is off by until then (`blade.work` beyond k y^2 / 2) is made up for. */
+static void part_within(const knife *work, double force, double reach, double before, double way)
+{
+    pliant_blade *blade = &work->tool->blade;
+    const double off = blade->work - force * before * before / reach, on = way - before, depth = mean_way(&blade->edge);
+    const double wanted = fmin(fmax(reach - before - off * reach / (force * (on + reach)), 0.01 * reach), reach), left = fmin(wanted, depth);
+    double along[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
+    normalize(along);
+    extend(blade, blade->edge.now, -left, blade->edge.now);
+    const bool parted = left == depth || part_by_force(work, reach);
+    extend(blade, blade->edge.now, left, blade->edge.now);
+    if (!parted) return;
+    if (pliant_blade_num_inside(&blade->edge) == 0) {
+        part_freely(work);
+        return;
+    }
+    pliant_blade_middle(&blade->edge, blade->edge.now, blade->anchor);
+    for (int d = 0; d < 3; d++) blade->anchor[d] -= left * along[d];
+    draw(work->tool);
+    drag(work, true);
+    blade->springs = left < depth;
+}
+
+static bool goes_far(const knife *work, double way, double before, double reach)
+{
+    return work->data->body->voxels && way > reach && way - before > (has_inertia(work) ? far_on_with_inertia : far_on) * reach;
+}
+
 /* @param last the middle of the edge in the last step */
 static void press(const knife *work, const double last[3])
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    const double reach = fmax(work->model->scene.cut.drag, work->most);
+    const double reach = fmax(work->model->scene.cut.drag, work->most), before = blade->drags ? sqrt(dot3(blade->drawn, blade->drawn)) : 0;
     double force;
     if (!blade->drags && !blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
     else draw(tool);
@@ -281,7 +318,8 @@ static void press(const knife *work, const double last[3])
     draw(tool);
     const double way = sqrt(dot3(blade->drawn, blade->drawn));
     blade->stiffness = 2 * force / reach;
-    if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
+    if (goes_far(work, way, before, reach)) part_within(work, force, reach, before, way);
+    else if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
     else drag(work, anew);
 }
 

@@ -35,6 +35,7 @@ typedef struct pliant_blade {
     /* RESISTANCE: the edge drags the tissue along by the tool's hold, until it slips */
     bool drags;
     bool slips;            /* tissue was let go in the step before: the blade parts what has come back over it */
+    bool springs;          /* tissue was parted under load, and springs back over the cut's end */
     double stiffness;      /* of its spring [N/m] */
     double anchor[3];      /* where the middle of the edge was when it began to drag [m] */
     double drawn[3];       /* how far it has come since, across the edge [m] */

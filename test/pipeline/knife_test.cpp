@@ -128,6 +128,29 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     EXPECT_EQ(slab.said, "");
 }
 
+// Steps that take the blade as far as `cut/drag` and further part what their work pays for: strokes from several heights, one after the other through whole tissue.
+TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
+{
+    if (GetParam().name == subdivided.name) return; // parts a triangle at a time, behind the blade
+    for (double way : {0.0015, 0.002, 0.003, 0.0045, 0.006}) {
+        if (GetParam().name == dynamic.name && way < 0.9 * 0.003) continue; // tissue that has inertia parts in the step after, as of a slow blade
+        double work = 0, area = 0, most = 0;
+        for (int n = 0; n < 4; n++) {
+            Slab slab(GetParam());
+            std::vector<double> forces;
+            slab.stroke(0.0405, 0.034 + 0.25 * n * way, -0.012, way / slab.scene.solver.step, &forces, &work);
+            area += slab.state().severed_area;
+            most = std::max(most, *std::max_element(forces.begin(), forces.end()));
+            EXPECT_EQ(slab.state().pieces, 2) << way;
+            EXPECT_EQ(slab.said, "");
+        }
+        if (std::getenv("PLIANT_FIGURES")) std::printf("%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, peak %.3f of toughness times width\n", 1e3 * way, area / (4 * width * height), work / (toughness * area), most / (toughness * width));
+        EXPECT_NEAR(area, 4 * width * height, 0.02 * 4 * width * height) << way;
+        EXPECT_NEAR(work, toughness * area, 0.2 * toughness * area) << way;
+        EXPECT_LT(most, 2.3 * toughness * width) << way;
+    }
+}
+
 TEST_P(EveryKind, NothingIsCutThatABladeDoesNotSweep)
 {
     Slab slab(GetParam());
