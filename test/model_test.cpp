@@ -156,10 +156,17 @@ TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
         said.clear();
         EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(said, "");
+        const double damping = body.scene.tled.damping;
         body.scene.tled.damping = 2;
         body.scene.ground.friction = 0.5;
         EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(said.find("tled/damping, ground/friction: only solver/kind: tled has these") == 0, kind == PLIANT_COROTATIONAL) << said;
+        EXPECT_EQ(said.find("tled/damping: only solver/kind: tled has these") == 0, kind == PLIANT_COROTATIONAL) << said;
+        EXPECT_EQ(said.find("ground/friction: beside solver/kind: corotational only pieces that a cut has taken off feel the ground") != std::string::npos, kind == PLIANT_COROTATIONAL) << said;
+        said.clear();
+        body.scene.tled.damping = damping;
+        body.scene.cut.kind = PLIANT_CUT_SEVER; // something may come off
+        EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(said.find("ground"), std::string::npos) << said;
     }
     pliant_set_log(nullptr, nullptr);
 }

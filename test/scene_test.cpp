@@ -151,6 +151,9 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("mesh:\n  ratio: 3x\n", PLIANT_ERROR_SCENE, {"line 2", "3x"});
     refused("mesh:\n  ratio: 99999999999999999999\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/ratio"});
     refused("mesh:\n  ratio: [2]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio"});
+    refused("material:\n  slides: [liver, stomach]\n", PLIANT_ERROR_FORMAT, {"line 2", "material/slides", "not a list: one text, without brackets"});
+    EXPECT_STREQ(parsed("material: {slides: \"liver, stomach\"}").material.slides, "liver, stomach");
+    EXPECT_STREQ(parsed("material:\n  slides: liver, stomach\n").material.slides, "liver, stomach");
     refused("mesh:\n  ratio: 2\n  ratio: 3\n", PLIANT_ERROR_FORMAT, {"ratio"});
     refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells", "3"});
     refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE,

@@ -116,6 +116,7 @@ static pliant_status explain(complaint *c, const char *text, const char *name, c
         if (exact) c->line = exact;
         list_keys(c, schema, keys, sizeof keys);
     }
+    if (strstr(c->reason, "Expecting STRING, got event: SEQUENCE_START")) snprintf(keys, sizeof keys, "; it is not a list: one text, without brackets, what it names with commas between");
     if (c->line) snprintf(line, sizeof line, "line %d: ", c->line);
     size_t used = 0;
     for (int level = c->depth - 1; level >= 0 && used < sizeof place; --level)

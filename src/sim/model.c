@@ -361,8 +361,12 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
 static void warn_of_unused(const pliant_scene *scene)
 {
     char names[512];
-    if (scene->solver.kind == PLIANT_TLED || !pliant_scene_changed(scene, (const char *const[]){"tled", "ground", NULL}, names, sizeof names)) return;
-    pliant_log(PLIANT_LOG_WARNING, "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
+    if (scene->solver.kind == PLIANT_TLED) return;
+    if (pliant_scene_changed(scene, (const char *const[]){"tled", NULL}, names, sizeof names))
+        pliant_log(PLIANT_LOG_WARNING, "%s: only solver/kind: tled has these; this scene's is corotational, and goes without", names);
+    if (scene->cut.kind == PLIANT_CUT_NONE && pliant_scene_changed(scene, (const char *const[]){"ground", NULL}, names, sizeof names))
+        pliant_log(PLIANT_LOG_WARNING, "%s: beside solver/kind: corotational only pieces that a cut has taken off feel the ground, and with cut/kind: none nothing comes off; "
+                   "obstacles hold tissue off", names);
 }
 
 /* element/kind: auto becomes one of the others */

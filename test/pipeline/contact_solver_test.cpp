@@ -1,7 +1,9 @@
 // What the quasi-static solver makes of contacts, held against theory: Hertz, Coulomb, what is fixed.
 #include "../contacts.h"
 #include "half_space.h"
+#include "fem/dynamics/tled.h"
 #include "fem/quasistatic/cones.h"
+#include "state/discretization.h"
 
 #include <random>
 
@@ -364,6 +366,77 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
     EXPECT_EQ(data->statistics.contacts, 0);
     ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
     EXPECT_EQ(state.contact_force[2], 0);
+}
+
+// What holds the block, against the forces of elements on nodes that are free: homogenized elements have what is fixed within them. Of a patch by the fine elements, where they are.
+void reaction_of(const Block &block, double out[3])
+{
+    pliant_tled *tled = block.data->tled;
+    out[0] = out[1] = out[2] = 0;
+    if (!tled) {
+        const pliant_system *system = block.scene.model.patch > 0 ? block.data->discretization->fine_system : block.data->solver->system;
+        std::vector<double> forces(12 * LANES * static_cast<size_t>(system->num_blocks)), nodes(3 * static_cast<size_t>(system->num_free));
+        const auto blocks = reinterpret_cast<double (*)[12][LANES]>(forces.data());
+        pliant_system_element_forces(system, block.scene.model.patch > 0 ? block.data->positions : block.data->solver->now.x, blocks);
+        pliant_system_gather(system, blocks, nodes.data());
+        for (size_t n = 0; n < nodes.size(); n++) out[n % 3] -= nodes[n];
+        return;
+    }
+    pliant_tled_element_forces(tled, tled->time_step);
+    for (int32_t n = 0; n < block.data->body->fine.num_nodes; n++)
+        for (int32_t c = tled->system->corner_start[n]; tled->inverse_mass[n] == 0 && c < tled->system->corner_start[n + 1]; c++)
+            for (int d = 0; d < 3; d++) out[d] += static_cast<double>(tled->forces[tled->system->corner[c] + d * LANES]);
+}
+
+// The same of other elements, methods and solvers: at rest the force on a tool is what holds the block. A patch is in balance by its own shapes alone: 1.4 % apart.
+TEST(ContactSolver, AToolsForceIsTheReactionByEveryMethod)
+{
+    struct Row { const char *name; double bound; std::function<void(pliant_scene &)> set; int more; };
+    const auto coarse = [](pliant_method method, double patch) {
+        return [method, patch](pliant_scene &scene) {
+            scene.model.method = method;
+            scene.model.patch = patch;
+            for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
+            scene.mesh.ratio = 2;
+        };
+    };
+    const Row rows[] = {
+        {"hexahedra", 1e-6, [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; }, 0},
+        {"averaged", 1e-6, coarse(PLIANT_AVERAGED, 0), 0},
+        {"calibrated", 1e-6, coarse(PLIANT_CALIBRATED, 0), 0},
+        {"averaged with a patch", 0.03, coarse(PLIANT_AVERAGED, 0.03), 20},
+        {"octree", 1e-6, [](pliant_scene &scene) {
+             scene.mesh.kind = PLIANT_OCTREE;
+             scene.mesh.depth = 1;
+             for (int32_t &cells : scene.mesh.coarse_cells) cells /= 2;
+         }, 0},
+        {"explicit dynamics", 1e-5, [](pliant_scene &scene) {
+             scene.solver.kind = PLIANT_TLED;
+             scene.tled.damping = 20;
+         }, 60},
+    };
+    for (const Row &row : rows) {
+        SCOPED_TRACE(row.name);
+        Block block(8, 6, 0.3);
+        block.fix_below();
+        row.set(block.scene);
+        ASSERT_EQ(block.build(), PLIANT_OK) << pliant_last_error();
+        const int tool = block.add_ball(0.01);
+        for (int s = 0; s < 17 + row.more; s++) {
+            const double tip[3] = {0.055 + 0.0002 * std::min(s, 11), 0.065, block.height + 0.011 - 0.0005 * std::min(s, 11)};
+            ASSERT_EQ(pliant_tool_set_pose(block.data, tool, tip, nullptr), PLIANT_OK);
+            ASSERT_GE(pliant_step(block.model, block.data), 0) << pliant_last_error();
+        }
+        pliant_tool_state state;
+        double held[3], apart = 0;
+        ASSERT_EQ(pliant_tool_get(block.data, tool, &state), PLIANT_OK);
+        reaction_of(block, held);
+        for (int d = 0; d < 3; d++) apart = std::fmax(apart, std::fabs(state.contact_force[d] + held[d]));
+        std::printf("%-22s %.4f N down, %.1e of it apart from what holds the block\n", row.name, -state.contact_force[2], apart / -state.contact_force[2]);
+        EXPECT_LT(state.contact_force[2], -0.01);
+        EXPECT_LT(apart, row.bound * -state.contact_force[2]);
+        EXPECT_EQ(block.data->statistics.patched, block.scene.model.patch > 0);
+    }
 }
 
 // A tool goes on pressing while the block under it is cut through: what is fixed holds the pieces, and the tool stays outside.
