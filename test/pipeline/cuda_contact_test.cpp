@@ -141,6 +141,31 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
     }
 }
 
+// The same beside a piece that a cut has taken off, and while a patch serves a ball that presses a corner: the host has its part of such a step before it is looked through.
+TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
+{
+    for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA})
+        for (const bool patch : {false, true}) {
+            if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
+            SCOPED_TRACE(patch ? "a patch" : "a piece");
+            Sheet sheet(backend, PLIANT_DIRECT, 1, 30);
+            sheet.expect(patch);
+            ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
+            ASSERT_NO_FATAL_FAILURE(patch ? sheet.press_a_corner() : sheet.cut_off());
+            int served = 0;
+            for (int s = 0; s < 6; s++) {
+                ASSERT_GE(sheet.step(s, 0.0297), 0) << pliant_last_error();
+                served += s > 0 && sheet.data->statistics.patched > 0;
+            }
+            const double carried = sheet.carried();
+            std::printf("%s, beside a %s: carried by %.2f mm\n", pliant_data_get_backend(sheet.data), patch ? "patch" : "piece", 1e3 * carried);
+            EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
+            EXPECT_EQ(sheet.data->falling != nullptr, !patch);
+            EXPECT_EQ(served > 0, patch);
+            EXPECT_GT(carried, 0.024);
+        }
+}
+
 // A step with a budget takes a new factor where that would be there in time: by operations on the CPU, on a GPU by how long the last one took. By a clock that
 // stands still, so that nothing else of it ends.
 TEST(CudaContact, ABudgetLeavesTimeForANewFactorOrNone)

@@ -5,6 +5,7 @@
 #include "../../cuda/tissue.h"
 #include "body.h"
 #include "cuda_warps.h"
+#include "fem/falling/falling.h"
 #include "pliant/memory.h"
 #include "tongue.h"
 
@@ -222,6 +223,44 @@ struct Sheet : Body {
         rod.part[0] = {PLIANT_PART_CAPSULE, PLIANT_FRAME_TIP, {0, -0.05, 0}, {0, 0.05, 0}, radius, false};
         const pliant_status status = pliant_tool_add(model, data, "rod", &tool);
         return status == PLIANT_OK ? pliant_tool_set_shape(data, tool, &rod) : status;
+    }
+    // a patch, or a piece that comes off
+    void expect(bool patch)
+    {
+        scene.cut.kind = patch ? PLIANT_CUT_NONE : PLIANT_CUT_SUBDIVIDE;
+        scene.model.method = patch ? PLIANT_AVERAGED : PLIANT_FINE;
+        scene.mesh.ratio = patch ? 2 : 1;
+        scene.model.patch = patch ? 0.012 : 0;
+        scene.warp.margin = 1;
+    }
+    // the farthest that a node has gone that is of no piece [m]
+    double carried() const
+    {
+        double most = 0;
+        for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
+            for (int d = 0; d < 3 && !pliant_falling_has(data->falling, n); d++) most = std::fmax(most, std::fabs(data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]));
+        return most;
+    }
+    // a part of a side that is free, and far away then
+    void cut_off()
+    {
+        const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01}, down[3] = {0, 0, -0.02};
+        ASSERT_EQ(pliant_data_cut(model, data, 4, way, down, nullptr), PLIANT_OK) << pliant_last_error();
+        ASSERT_TRUE(data->body->pieces);
+        std::vector<double> positions(data->positions, data->positions + 3 * data->body->fine.num_nodes);
+        for (int32_t i = 0; i < data->body->pieces->start[1]; i++) positions[3 * data->body->pieces->node[i] + 1] -= 0.2;
+        ASSERT_EQ(pliant_data_set_positions(model, data, positions.data()), PLIANT_OK) << pliant_last_error();
+    }
+    // by a ball, until a patch serves that
+    void press_a_corner()
+    {
+        const int ball = add_ball(0.004);
+        for (int s = 0; s < 30 && data->statistics.patched == 0; s++) {
+            const double tip[3] = {0.012, 0.008, 0.009 - 0.0005 * std::min(s, 4)};
+            ASSERT_EQ(pliant_tool_set_pose(data, ball, tip, nullptr), PLIANT_OK);
+            ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
+        }
+        ASSERT_EQ(data->statistics.patched, 1);
     }
     pliant_status step(int s, double x)
     {
