@@ -232,6 +232,7 @@ struct Sheet : Body {
         scene.mesh.ratio = patch ? 2 : 1;
         scene.model.patch = patch ? 0.012 : 0;
         scene.warp.margin = 1;
+        scene.solver.threads = 1;
     }
     // the farthest that a node has gone that is of no piece [m]
     double carried() const
