@@ -153,7 +153,7 @@ TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
             ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
             ASSERT_NO_FATAL_FAILURE(patch ? sheet.press_a_corner() : sheet.cut_off());
             int served = 0;
-            for (int s = 0; s < 4; s++) {
+            for (int s = 0; s < 6; s++) {
                 ASSERT_GE(sheet.step(s, 0.0319), 0) << pliant_last_error();
                 served += s > 0 && sheet.data->statistics.patched > 0;
             }
