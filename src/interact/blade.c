@@ -343,8 +343,10 @@ void pliant_blade_loosen(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
     if (blade->drags) pliant_tool_drop(tool);
-    blade->slips = blade->springs = false;
+    else if (!tool->holding) memset(tool->force, 0, sizeof tool->force);
+    blade->slips = false;
     blade->work = 0;
+    memset(blade->parting, 0, sizeof blade->parting);
     memset(blade->drawn, 0, sizeof blade->drawn);
     memset(blade->moved, 0, sizeof blade->moved);
     memset(blade->force, 0, sizeof blade->force);

@@ -386,7 +386,10 @@ void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
 void pliant_tool_report(pliant_data *data, int index, const double *force)
 {
     pliant_tool *tool = data->tools + index;
-    if (!tool->holding) return;
+    if (!tool->holding) {
+        if (tool->blade.slips) memcpy(tool->force, tool->blade.parting, sizeof tool->force);
+        return;
+    }
     find_held_point(data, tool);
     if (force) memcpy(tool->force, force, sizeof tool->force);
     pliant_blade_feel(tool);

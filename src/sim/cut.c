@@ -5,8 +5,8 @@
  * is the lesser part of it. When its work, k y^2 / 2, has reached toughness times the width of the edge in tissue times y, it slips: the tissue
  * is let go, comes back over the edge and is parted up to there. With k = 2 toughness width / drag that is at y = drag: a saw-tooth, as
  * Chanthasopeephan measured in liver (Ann Biomed Eng 31:1372, 2003), whose mean is toughness times width. What the parted area came to is
- * booked, so that over a stroke the work is toughness times area. A step that takes the blade a good part of `drag` on parts voxels within it, and
- * drags on with what is left of the way (part_within). */
+ * booked, so that over a stroke the work is toughness times area. In a step that takes the blade a good part of `drag`
+ * on, tissue parts at once and only the mean is felt (go_on). */
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "interact/blade.h"
@@ -19,11 +19,9 @@
 static const double fastest = 2.0;     /* of a blade [m/s]; beyond it, it has jumped */
 static const double swiftest = 0.5;    /* of tissue that comes over a blade beside it [m/s] */
 static const double backwards = 0.1;   /* a sweep begins so much behind the cut's end, so that no link between is missed [voxels] */
-static const double backwards_under_load = 0.5; /* and where that end springs back */
 static const double stirs = 0.05;      /* a blade that is nearer to the cut's end than this has not moved [voxels] */
 static const double chord = 0.25;      /* a turning blade's sweep is off by no more [voxels] */
-static const double far_on = 0.4;      /* of `drag`: a step that takes the blade further parts voxels within it */
-static const double far_on_with_inertia = 0.9; /* likewise: tissue that has inertia follows later */
+static const double far_on = 0.3;      /* of `drag`: a step that takes the blade further drags nothing along */
 
 typedef struct knife {
     const pliant_model *model;
@@ -107,10 +105,8 @@ static bool part_to_blade(const knife *work, pliant_cut_report *report)
 {
     pliant_blade *blade = &work->tool->blade;
     pliant_edge *edge = &blade->edge;
-    extend(blade, edge->place, -(blade->springs ? backwards_under_load : backwards) * work->least, edge->swept);
-    if (!part(work, edge->swept, edge->now, report)) return false;
-    work->tool->blade.springs = false;
-    return true;
+    extend(blade, edge->place, -backwards * work->least, edge->swept);
+    return part(work, edge->swept, edge->now, report);
 }
 
 /* The blade is the cut's end, and nothing was in its way. */
@@ -242,14 +238,13 @@ static void slip(const knife *work, const double anchor[3])
     draw(work->tool);
 }
 
-static bool has_inertia(const knife *work) { return work->model->scene.solver.kind == PLIANT_TLED && !work->model->scene.tled.quasi_static; }
-
 /* Whether tissue that was let go still comes back: with inertia it takes more than a step. `swept` is where the edge was then. */
 static bool comes_back(const knife *work)
 {
     const pliant_edge *edge = &work->tool->blade.edge;
+    const pliant_scene *scene = &work->model->scene;
     double farthest = 0;
-    if (!has_inertia(work)) return false;
+    if (scene->solver.kind != PLIANT_TLED || scene->tled.quasi_static) return false;
     for (int32_t p = 0; p < edge->count; p++) {
         double way[3];
         for (int d = 0; d < 3; d++) way[d] = edge->place[3 * p + d] - edge->swept[3 * p + d];
@@ -258,34 +253,31 @@ static bool comes_back(const knife *work)
     return farthest > pow(chord * work->least, 2);
 }
 
-/* Tissue parts within the step as far as the step's work pays for. With R = reach, k = 2 force / R, the way y before the step and L in it, what is left of
- * the way is r where (k y + k r) L / 2, the work of the forces before and after, is force (y + L - r), what parts, and k (r^2 - y^2) / 2, what the
- * spring keeps: r = R - y. What the balance is off by until then (`blade.work` beyond k y^2 / 2) is made up for. */
-static void part_within(const knife *work, double force, double reach, double before, double way)
+/* whether the blade goes so far in a step that a saw-tooth of `reach` would be seen at a few places of it */
+static bool goes_far(const knife *work, const double last[3], double reach)
 {
-    pliant_blade *blade = &work->tool->blade;
-    const double off = blade->work - force * before * before / reach, on = way - before, depth = mean_way(&blade->edge);
-    const double wanted = fmin(fmax(reach - before - off * reach / (force * (on + reach)), 0.01 * reach), reach), left = fmin(wanted, depth);
-    double along[3] = {blade->drawn[0], blade->drawn[1], blade->drawn[2]};
+    const pliant_edge *edge = &work->tool->blade.edge;
+    double along[3], way[3];
+    for (int d = 0; d < 3; d++) along[d] = edge->now[3 * (edge->count - 1) + d] - edge->now[d];
     normalize(along);
-    extend(blade, blade->edge.now, -left, blade->edge.now);
-    const bool parted = left == depth || part_by_force(work, reach);
-    extend(blade, blade->edge.now, left, blade->edge.now);
-    if (!parted) return;
-    if (pliant_blade_num_inside(&blade->edge) == 0) {
-        part_freely(work);
-        return;
-    }
-    pliant_blade_middle(&blade->edge, blade->edge.now, blade->anchor);
-    for (int d = 0; d < 3; d++) blade->anchor[d] -= left * along[d];
-    draw(work->tool);
-    drag(work, true);
-    blade->springs = left < depth;
+    pliant_blade_middle(edge, edge->now, way);
+    for (int d = 0; d < 3; d++) way[d] -= last[d];
+    const double slide = dot3(way, along);
+    return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > far_on * reach;
 }
 
-static bool goes_far(const knife *work, double way, double before, double reach)
+/* A step that goes far: tissue that lies free has parted up to the blade, and is not dragged along. Work is counted by the forces before and after a
+ * step: what is felt is `force`, less what the balance is beyond 0 by when a step that ends with `force` is counted, over the step's way. */
+static void go_on(const knife *work, double force, const double last[3])
 {
-    return work->data->body->voxels && way > reach && way - before > (has_inertia(work) ? far_on_with_inertia : far_on) * reach;
+    pliant_tool *tool = work->tool;
+    pliant_blade *blade = &tool->blade;
+    memcpy(blade->anchor, last, sizeof blade->anchor);
+    draw(tool);
+    const double way = sqrt(dot3(blade->drawn, blade->drawn)), before = dot3(blade->force, blade->drawn) / way;
+    const double felt = fmin(fmax(force - blade->work / way - 0.5 * (before + force), 0), 2 * force);
+    blade->slips = true;
+    for (int d = 0; d < 3; d++) blade->parting[d] = felt * blade->drawn[d] / way;
 }
 
 /* @param last the middle of the edge in the last step */
@@ -293,12 +285,15 @@ static void press(const knife *work, const double last[3])
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    const double reach = fmax(work->model->scene.cut.drag, work->most), before = blade->drags ? sqrt(dot3(blade->drawn, blade->drawn)) : 0;
+    const double reach = fmax(work->model->scene.cut.drag, work->most);
+    const bool dragged = blade->drags || (blade->slips && dot3(blade->parting, blade->parting) == 0);
     double force;
-    if (!blade->drags && !blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
+    memset(blade->parting, 0, sizeof blade->parting);
+    if (!dragged) memset(blade->drawn, 0, sizeof blade->drawn);
     else draw(tool);
-    const bool back = blade->slips && comes_back(work);
+    const bool back = dragged && blade->slips && comes_back(work);
     if (blade->slips && !part_by_force(work, reach)) return;
+    if (blade->slips) draw(tool);
     if (back) {
         memcpy(blade->anchor, last, sizeof blade->anchor);
         return;
@@ -312,14 +307,17 @@ static void press(const knife *work, const double last[3])
         return;
     }
     force *= inside;
+    if (goes_far(work, last, reach) && !blade->drags) {
+        if (blade->slips || part_by_force(work, reach)) go_on(work, force, last);
+        return;
+    }
     if (!blade->drags && !blade->slips) memcpy(blade->anchor, last, sizeof blade->anchor);
     if (blade->slips) blade->work = fmin(fmax(blade->work, -0.5 * force * reach), 0.5 * force * reach);
     blade->slips = false;
     draw(tool);
     const double way = sqrt(dot3(blade->drawn, blade->drawn));
     blade->stiffness = 2 * force / reach;
-    if (goes_far(work, way, before, reach)) part_within(work, force, reach, before, way);
-    else if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
+    if (blade->drags && way >= 0.5 * reach && (blade->work >= force * way || way >= 2 * reach)) slip(work, last);
     else drag(work, anew);
 }
 

@@ -35,12 +35,12 @@ typedef struct pliant_blade {
     /* RESISTANCE: the edge drags the tissue along by the tool's hold, until it slips */
     bool drags;
     bool slips;            /* tissue was let go in the step before: the blade parts what has come back over it */
-    bool springs;          /* tissue was parted under load, and springs back over the cut's end */
     double stiffness;      /* of its spring [N/m] */
     double anchor[3];      /* where the middle of the edge was when it began to drag [m] */
     double drawn[3];       /* how far it has come since, across the edge [m] */
     double moved[3], force[3]; /* of the middle in the last step [m], and what was felt in the one before [N] */
     double work;           /* done since tissue has parted last, and what was left over then [J] */
+    double parting[3];     /* what it feels where it slips, of a step that goes far [N] */
     /* OUTPUT */
     double engaged_length, severed_area; /* [m], at rest since load [m^2] */
     int32_t pieces;        /* after its last cut */

@@ -151,7 +151,7 @@ const Demonstration demonstrations[] = {
     {"biopsy", "biopsy_path", phantom, {12, 9, 9}, 0.1, 1, 60, 90, 2, 0.03, 0, 0.2},
     {"biopsy", "incise_path", phantom, {12, 9, 9}, 0.1, 3, 4, 8, 1, 0, 2, 20},
     {"demo", "open_path", phantom, {14, 10, 11}, 0.1, 0.8, 130, 170, 1, 0.005, 3, 50, [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SEVER; }},
-    {"demo_cut", "demo_cut_path", phantom, {9, 7, 8}, 0.1, 3, 110, 140, 1, 0.001, 100, 5000},
+    {"demo_cut", "demo_cut_path", phantom, {9, 7, 8}, 0.1, 3, 120, 155, 1, 0.001, 100, 5000},
 };
 INSTANTIATE_TEST_SUITE_P(Paths, CutScenes, testing::ValuesIn(demonstrations), [](const auto &info) { return std::string(info.param.path); });
 
