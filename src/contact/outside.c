@@ -223,7 +223,7 @@ static pliant_status find_overlaps(const pliant_outside *outside, const pliant_o
     return status;
 }
 
-/* Halves the ways of corners where the surface goes through itself at rest until it does not; the mesh's own faces never do. */
+/* Halves the ways of corners where the surface goes through itself at rest until it does not, or eight times; the mesh's own faces never do. */
 static pliant_status keep_apart(pliant_outside *outside, const pliant_outside_voxels *voxels, ends *found)
 {
     enum { ROUNDS = 8, HALVED = 3 }; /* what is not apart by then: the nodes themselves */

@@ -344,7 +344,7 @@ void pliant_blade_loosen(pliant_tool *tool)
     pliant_blade *blade = &tool->blade;
     if (blade->drags) pliant_tool_drop(tool);
     else if (!tool->holding) memset(tool->force, 0, sizeof tool->force);
-    blade->slips = false;
+    blade->slips = blade->passes = false;
     blade->work = 0;
     memset(blade->parting, 0, sizeof blade->parting);
     memset(blade->drawn, 0, sizeof blade->drawn);

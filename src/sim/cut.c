@@ -41,6 +41,9 @@ static double normalize(double v[3])
     return length;
 }
 
+/* how far tissue is dragged before it parts [m] */
+static double reach_of(const knife *work) { return fmax(work->model->scene.cut.drag, work->most); }
+
 static void tell_failure(const knife *work)
 {
     if (!work->tool->blade.failed)
@@ -253,8 +256,8 @@ static bool comes_back(const knife *work)
     return farthest > pow(chord * work->least, 2);
 }
 
-/* whether the blade goes so far in a step that a saw-tooth of `reach` would be seen at a few places of it */
-static bool goes_far(const knife *work, const double last[3], double reach)
+/* Whether the blade goes so far in a step that a saw-tooth of `reach` would be seen at a few places of it. `now` is where the step takes it. */
+static bool goes_far(const knife *work, const double last[3])
 {
     const pliant_edge *edge = &work->tool->blade.edge;
     double along[3], way[3];
@@ -263,7 +266,7 @@ static bool goes_far(const knife *work, const double last[3], double reach)
     pliant_blade_middle(edge, edge->now, way);
     for (int d = 0; d < 3; d++) way[d] -= last[d];
     const double slide = dot3(way, along);
-    return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > far_on * reach;
+    return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > far_on * reach_of(work);
 }
 
 /* A step that goes far: tissue that lies free has parted up to the blade, and is not dragged along. Work is counted by the forces before and after a
@@ -274,30 +277,38 @@ static void go_on(const knife *work, double force, const double last[3])
     pliant_blade *blade = &tool->blade;
     memcpy(blade->anchor, last, sizeof blade->anchor);
     draw(tool);
-    const double way = sqrt(dot3(blade->drawn, blade->drawn)), before = dot3(blade->force, blade->drawn) / way;
-    const double felt = fmin(fmax(force - blade->work / way - 0.5 * (before + force), 0), 2 * force);
-    blade->slips = true;
-    for (int d = 0; d < 3; d++) blade->parting[d] = felt * blade->drawn[d] / way;
+    const double way = sqrt(dot3(blade->drawn, blade->drawn)), before = way > 0 ? dot3(blade->force, blade->drawn) / way : 0;
+    const double felt = way > 0 ? fmin(fmax(force - blade->work / way - 0.5 * (before + force), 0), 2 * force) : 0;
+    blade->slips = blade->passes = true;
+    for (int d = 0; d < 3; d++) blade->parting[d] = way > 0 ? felt * blade->drawn[d] / way : 0;
 }
 
-/* @param last the middle of the edge in the last step */
-static void press(const knife *work, const double last[3])
+/* Parts what is due of tissue that was let go. false: it could not be parted, or tissue still comes back: no more in this step.
+ * @param last the middle of the edge in the last step */
+static bool catch_up(const knife *work, const double last[3])
+{
+    pliant_blade *blade = &work->tool->blade;
+    const bool passed = blade->passes, back = !passed && comes_back(work);
+    memset(blade->drawn, 0, sizeof blade->drawn);
+    if (!passed) draw(work->tool);
+    if (!part_by_force(work, reach_of(work))) return false;
+    blade->passes = false;
+    memset(blade->parting, 0, sizeof blade->parting);
+    if (passed || back) memcpy(blade->anchor, last, sizeof blade->anchor);
+    if (passed) draw(work->tool);
+    return !back;
+}
+
+/* @param last the middle of the edge in the last step; far: the step goes far */
+static void press(const knife *work, const double last[3], bool far)
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    const double reach = fmax(work->model->scene.cut.drag, work->most);
-    const bool dragged = blade->drags || (blade->slips && dot3(blade->parting, blade->parting) == 0);
+    const double reach = reach_of(work);
     double force;
-    memset(blade->parting, 0, sizeof blade->parting);
-    if (!dragged) memset(blade->drawn, 0, sizeof blade->drawn);
-    else draw(tool);
-    const bool back = dragged && blade->slips && comes_back(work);
-    if (blade->slips && !part_by_force(work, reach)) return;
-    if (blade->slips) draw(tool);
-    if (back) {
-        memcpy(blade->anchor, last, sizeof blade->anchor);
-        return;
-    }
+    if (blade->drags) draw(tool);
+    else if (!blade->slips) memset(blade->drawn, 0, sizeof blade->drawn);
+    if (blade->slips && !catch_up(work, last)) return;
     if (!look_ahead(work, pliant_blade_length(blade) / blade->edge.count, &force)) return;
     bool anew = blade->slips;
     if (force > 0 && !blade->drags && !touch(work, &anew)) return;
@@ -307,8 +318,9 @@ static void press(const knife *work, const double last[3])
         return;
     }
     force *= inside;
-    if (goes_far(work, last, reach) && !blade->drags) {
-        if (blade->slips || part_by_force(work, reach)) go_on(work, force, last);
+    if (far) {
+        if (blade->drags) slip(work, last);
+        else if (blade->slips || part_by_force(work, reach)) go_on(work, force, last);
         return;
     }
     if (!blade->drags && !blade->slips) memcpy(blade->anchor, last, sizeof blade->anchor);
@@ -374,6 +386,8 @@ static void cut_with(const knife *work)
     if (blade->drags || blade->slips) account(tool);
     pliant_blade_points(blade, blade->tip, blade->rotation, blade->edge.swept);
     pliant_blade_middle(&blade->edge, blade->edge.swept, last);
+    pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
+    const bool far = goes_far(work, last);
     const int32_t turns = turns_of(work);
     for (int32_t k = 1; k <= turns; k++) {
         double tip[3], rotation[4], share = (double)k / turns;
@@ -381,8 +395,11 @@ static void cut_with(const knife *work)
         pliant_rotation_between(blade->rotation, tool->rotation, share, rotation);
         pliant_blade_points(blade, tip, rotation, blade->edge.now);
         pliant_blade_follow(work->data, &blade->edge);
-        if (!blade->drags && longest_way(&blade->edge) <= stirs * work->least) continue;
-        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last);
+        if (!blade->drags && longest_way(&blade->edge) <= stirs * work->least) {
+            memset(blade->parting, 0, sizeof blade->parting); /* at rest */
+            continue;
+        }
+        if (work->model->scene.cut.resistance > 0 && !pliant_tool_grips(tool)) press(work, last, far);
         else part_freely(work);
     }
     pliant_blade_middle(&blade->edge, blade->edge.now, middle);

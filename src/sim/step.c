@@ -198,13 +198,13 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
         status = solve(model, data);
         data->statistics.iterations += iterations;
         data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
+        const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
+        if (placed != PLIANT_OK) status = placed;
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
             const pliant_status there = kept ? pliant_substeps_forward(model, data) : PLIANT_OK;
             status = there < 0 ? there : first;
             break;
         }
-        const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
-        if (placed != PLIANT_OK) status = placed;
     }
     *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
     return status;

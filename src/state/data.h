@@ -40,7 +40,8 @@ typedef struct pliant_blade {
     double drawn[3];       /* how far it has come since, across the edge [m] */
     double moved[3], force[3]; /* of the middle in the last step [m], and what was felt in the one before [N] */
     double work;           /* done since tissue has parted last, and what was left over then [J] */
-    double parting[3];     /* what it feels where it slips, of a step that goes far [N] */
+    bool passes;           /* the step before went far: tissue lies free, and was not dragged */
+    double parting[3];     /* what it feels then [N] */
     /* OUTPUT */
     double engaged_length, severed_area; /* [m], at rest since load [m^2] */
     int32_t pieces;        /* after its last cut */

@@ -150,6 +150,35 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
     }
 }
 
+// Slow, fast, slow, fast through a slab: what is parted is not paid for twice, and no force is of a way that has parted.
+TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
+{
+    if (GetParam().name == subdivided.name) return;
+    double work = 0, area = 0, most = 0;
+    for (int n = 0; n < 4; n++) {
+        Slab slab(GetParam());
+        double force = 0, z = 0.034 + 0.0002 * n;
+        slab.place(0.0405, z);
+        slab.cutting(true);
+        slab.step();
+        for (int s = 0; z > -0.012; s++) {
+            const double way = s / 6 % 2 ? 0.003 : 0.0004;
+            slab.place(0.0405, z -= way);
+            slab.step();
+            const double now = -slab.state().force[2];
+            work += 0.5 * (force + now) * way;
+            most = std::max(most, now);
+            force = now;
+        }
+        area += slab.state().severed_area;
+        EXPECT_EQ(slab.state().pieces, 2);
+    }
+    if (std::getenv("PLIANT_FIGURES")) std::printf("area %.4f, work %.4f of toughness times area, peak %.3f\n", area / (4 * width * height), work / (toughness * area), most / (toughness * width));
+    EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height);
+    EXPECT_NEAR(work, toughness * area, 0.2 * toughness * area);
+    EXPECT_LT(most, 2.5 * toughness * width);
+}
+
 TEST_P(EveryKind, NothingIsCutThatABladeDoesNotSweep)
 {
     Slab slab(GetParam());

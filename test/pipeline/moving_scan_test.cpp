@@ -58,7 +58,7 @@ struct Scan {
         std::copy(cells, cells + 3, scene.mesh.coarse_cells);
         scene.mesh.ratio = 1;
         scene.grasp.radius = 0.03;
-        scene.grasp.stiffness = 200;
+        scene.grasp.stiffness = 600;
         for (int d = 0; d < 3; d++) { // what falls off stays near
             const double end = volume.geometry.origin[d] + (volume.geometry.size[d] - 1) * volume.geometry.spacing[d] * volume.geometry.direction[4 * d];
             scene.ground.box_low[d] = std::min(volume.geometry.origin[d], end) - 0.03;

@@ -98,6 +98,8 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
     return volume;
 }
 
+static const double least_part = 0.01; /* of an element is tissue: in less than that, what is not has a part in its moduli, too */
+
 static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
 {
     double stress[6], values[3], energy;
@@ -110,7 +112,7 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
         energy = corotational(f, material, stress);
     }
     if (scalar == PLIANT_SCALAR_STRAIN_ENERGY) return energy;
-    const double part = material->tissue > 0 ? material->tissue : 1; /* an element beside air, or a fragment, has so much of the tissue's moduli */
+    const double part = material->tissue > 0 ? fmax(material->tissue, least_part) : 1; /* an element beside air, or a fragment, has so much of the tissue's moduli */
     if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress) / part;
     pliant_symmetric_eigenvalues(stress, values);
     return values[2] / part;
@@ -142,6 +144,8 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
     for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets && scalar != PLIANT_SCALAR_NONE; t++) {
         double f[9], volume = element_deformation(&look, t, f);
         double value = measure(&model->scene, f, volume, body->fine_material + t, scalar);
+        const bool stress = scalar == PLIANT_SCALAR_VON_MISES || scalar == PLIANT_SCALAR_PRINCIPAL_STRESS;
+        if (stress && body->fine_material[t].tissue > 0) volume *= body->fine_material[t].tissue; /* that of the tissue */
         for (int v = 0; v < 4; v++) {
             sum[2 * mesh->tets[4 * t + v]] += volume * value;
             sum[2 * mesh->tets[4 * t + v] + 1] += volume;
