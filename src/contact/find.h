@@ -56,9 +56,9 @@ pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body
 double pliant_contact_way(const pliant_finder *finder, const double *positions);
 /* Appends points of what has passed a part in the step or slid into it, where any of it gets by: beyond the part or a quarter of its depth in it, or by twice
  * its depth further on. Of the search of which the finder's is the last; one of a feature that has
- * PLIANT_FEATURE_POINTS already takes the place of the last; of none with a node of a piece, which the step has yet to move. Parts: their poses are those of the step, with as many between as its way and the tissue's take; margin and stride are of both.
- * @param positions (fine nodes x 3) as the step has ended; @param piece Nullable: (fine nodes) which piece; -1: none. Errors: MEMORY */
-pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_body *body, const double *positions, const int32_t *piece, int32_t count,
+ * PLIANT_FEATURE_POINTS already takes the place of the last. Parts: their poses are those of the step, with as many between as its way and the tissue's take; margin and stride are of both.
+ * @param positions (fine nodes x 3) as the step has ended. Errors: MEMORY */
+pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count,
                                          const pliant_moving_part *parts, pliant_contacts *out);
 #ifdef __cplusplus
 }

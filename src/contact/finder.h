@@ -61,7 +61,6 @@ typedef struct pliant_search {
     const pliant_body *body;
     const double *positions; /* as the step begins */
     const double *to;        /* Nullable: as it ends; NULL: the tissue stays where it is */
-    const int32_t *piece;    /* Nullable: (fine nodes) which piece; -1: none; of what passes alone */
     const pliant_moving_part *part;
     uint64_t part_key;
     int32_t triangles, edges, nodes;

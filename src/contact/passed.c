@@ -87,13 +87,6 @@ static double find_rest(const pliant_search *on, pliant_feature *of)
     return fmin(pliant_search_distance(on, &then, on->part->pose, 0, 0, normal) + on->part->recovery, 0);
 }
 
-static bool is_of_a_piece(const pliant_search *on, const pliant_feature *of)
-{
-    bool any = false;
-    for (int32_t k = 0; on->piece && k < of->count; k++) any = any || on->piece[of->node[k]] >= 0;
-    return any;
-}
-
 static void look(const pliant_search *on, pliant_feature *of)
 {
     const pliant_moving_part *part = on->part;
@@ -101,7 +94,7 @@ static void look(const pliant_search *on, pliant_feature *of)
     const double least = fmin(deep_enough, of_depth * pliant_part_depth(part->part));
     double normal[3] = {0, 0, 0}, met[3] = {0, 0, 0}, place[3], point[3], local[3], before[3];
     of->gap = INFINITY;
-    if (pliant_search_leaves_out(on, of) || is_of_a_piece(on, of)) return;
+    if (pliant_search_leaves_out(on, of)) return;
     bool through = false, knows = meet(on, of, met, place, &through);
     if (through) return; /* what it has come in by has its own points */
     const pliant_feature first = *of;
@@ -183,7 +176,7 @@ double pliant_contact_way(const pliant_finder *finder, const double *positions)
     return most;
 }
 
-pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_body *body, const double *positions, const int32_t *piece, int32_t count,
+pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_body *body, const double *positions, int32_t count,
                                          const pliant_moving_part *parts, pliant_contacts *out)
 {
     if (count == 0 || !finder->broad.knows_last) return PLIANT_OK;
@@ -193,7 +186,7 @@ pliant_status pliant_contact_find_passed(pliant_finder *finder, const pliant_bod
     if (status == PLIANT_OK) status = pliant_finder_room(finder, body);
     finder->num_next = finder->num_keep = 0;
     for (int32_t p = 0; p < count && status == PLIANT_OK; p++) {
-        pliant_search on = {.finder = finder, .body = body, .positions = finder->broad.last, .to = positions, .piece = piece, .part = parts + p, .part_key = pliant_search_key(parts + p)};
+        pliant_search on = {.finder = finder, .body = body, .positions = finder->broad.last, .to = positions, .part = parts + p, .part_key = pliant_search_key(parts + p)};
         on.triangles = pliant_broad_find(&finder->broad, on.part, finder->triangle);
         pliant_search_gather(&on);
         if (!(find_ways(&on) > moves * pliant_part_depth(on.part->part))) continue;

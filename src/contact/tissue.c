@@ -35,17 +35,6 @@ static void search_node(const finding *on, int32_t index)
 
 /* ---- what lay deep inside before it was seen */
 
-static int32_t index_of(const pliant_tissue *tissue, int32_t node)
-{
-    int32_t low = 0, high = tissue->num_nodes;
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (tissue->node[middle] < node) low = middle + 1;
-        else high = middle;
-    }
-    return low < tissue->num_nodes && tissue->node[low] == node ? low : -1;
-}
-
 /* A node that lies in the tetrahedra that a walk from one leads to: the shortest way out of them, over all triangles. It is kept up from then on. */
 static void try_deep(const finding *on, int32_t index, int32_t tet)
 {
@@ -78,7 +67,7 @@ static void try_pair(const finding *on, int32_t of, int32_t in)
 {
     const pliant_tissue *tissue = on->tissue;
     for (int v = 0; v < 4; v++) {
-        const int32_t index = index_of(tissue, tissue->body->fine.tets[4 * (size_t)of + (size_t)v]);
+        const int32_t index = tissue->index_of[tissue->body->fine.tets[4 * (size_t)of + (size_t)v]];
         if (index >= 0 && tissue->count[index] == 0) try_deep(on, index, in);
     }
 }
@@ -92,7 +81,7 @@ static void spread(const finding *on)
         for (int32_t n = 0; n < tissue->num_nodes; n++) {
             if (tissue->count[n] > 0) continue;
             for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1] && tissue->count[n] == 0; a++) {
-                const int32_t beside = index_of(tissue, tissue->around[a]);
+                const int32_t beside = tissue->index_of[tissue->around[a]];
                 const pliant_touching *one = tissue->touching + PLIANT_TOUCHINGS * (size_t)beside;
                 if (tissue->count[beside] > 0 && one->gap < -farthest * tissue->shortest) try_deep(on, n, tissue->skin[one->skin].tet);
             }
@@ -158,7 +147,7 @@ static bool touches_any(const finding *on, int32_t tet)
 {
     const pliant_tissue *tissue = on->tissue;
     for (int v = 0; v < 4; v++) {
-        const int32_t index = index_of(tissue, tissue->body->fine.tets[4 * (size_t)tet + (size_t)v]);
+        const int32_t index = tissue->index_of[tissue->body->fine.tets[4 * (size_t)tet + (size_t)v]];
         if (index >= 0 && tissue->count[index] > 0 && tissue->touching[PLIANT_TOUCHINGS * (size_t)index].gap < 0) return true;
     }
     return false;

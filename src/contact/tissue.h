@@ -60,6 +60,7 @@ struct pliant_tissue {
     int32_t num_tets, *tet;    /* with a skin, ascending */
     int32_t *skin_start;       /* (num_tets + 1) into skin, which are by tetrahedron */
     int32_t num_nodes, *node;  /* of the surface, ascending */
+    int32_t *index_of;         /* (fine nodes) in that list; -1: not of the surface */
     int32_t *around_start, *around; /* (num_nodes + 1): nodes that share an edge of the surface with each */
     int32_t *fan_start, *fan;  /* (num_nodes + 1): skins that have each */
     double *area;              /* (num_nodes) at rest [m^2] */

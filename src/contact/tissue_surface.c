@@ -12,7 +12,7 @@ static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}
 
 static void free_surface(pliant_tissue *tissue)
 {
-    void *blocks[] = {tissue->own_across, tissue->inside, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node,
+    void *blocks[] = {tissue->own_across, tissue->inside, tissue->apart,  tissue->skin,   tissue->tet,   tissue->skin_start, tissue->node, tissue->index_of,
                       tissue->around_start, tissue->around, tissue->fan_start, tissue->fan, tissue->area, tissue->face, tissue->normal,     tissue->count,
                       tissue->touching,   tissue->last,   tissue->place,      tissue->piece,  tissue->slid};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
@@ -135,26 +135,17 @@ static int compare_edges(const void *a, const void *b)
     return (x->skin > y->skin) - (x->skin < y->skin);
 }
 
-static int compare_numbers(const void *a, const void *b)
-{
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
-static int32_t index_of(const pliant_tissue *tissue, int32_t node)
-{
-    const int32_t *found = bsearch(&node, tissue->node, (size_t)tissue->num_nodes, sizeof node, compare_numbers);
-    return (int32_t)(found - tissue->node);
-}
-
 static pliant_status find_nodes(pliant_tissue *tissue)
 {
     const size_t corners = 3 * (size_t)tissue->num_skins;
-    if (!(tissue->node = pliant_calloc(corners, sizeof *tissue->node))) return no_memory();
-    for (size_t i = 0; i < corners; i++) tissue->node[i] = tissue->skin[i / 3].node[i % 3];
-    qsort(tissue->node, corners, sizeof *tissue->node, compare_numbers);
-    for (size_t i = 0; i < corners; i++)
-        if (i == 0 || tissue->node[i] != tissue->node[tissue->num_nodes - 1]) tissue->node[tissue->num_nodes++] = tissue->node[i];
+    const int32_t all = tissue->body->fine.num_nodes;
+    if (!(tissue->node = pliant_calloc(corners, sizeof *tissue->node)) || !(tissue->index_of = pliant_calloc((size_t)all, sizeof *tissue->index_of))) return no_memory();
+    for (size_t i = 0; i < corners; i++) tissue->index_of[tissue->skin[i / 3].node[i % 3]] = 1;
+    for (int32_t n = 0; n < all; n++) {
+        const bool on_surface = tissue->index_of[n];
+        tissue->index_of[n] = on_surface ? tissue->num_nodes : -1;
+        if (on_surface) tissue->node[tissue->num_nodes++] = n;
+    }
     const size_t nodes = (size_t)tissue->num_nodes;
     tissue->around_start = pliant_calloc(nodes + 1, sizeof *tissue->around_start);
     tissue->fan_start = pliant_calloc(nodes + 1, sizeof *tissue->fan_start);
@@ -166,9 +157,9 @@ static pliant_status find_nodes(pliant_tissue *tissue)
     tissue->touching = pliant_calloc(PLIANT_TOUCHINGS * nodes, sizeof *tissue->touching);
     if (!tissue->around_start || !tissue->fan_start || !tissue->fan || !tissue->area || !tissue->count || !tissue->last || !tissue->place || !tissue->touching) return no_memory();
     pliant_tissue_forget(tissue);
-    for (size_t i = 0; i < corners; i++) tissue->fan_start[index_of(tissue, tissue->skin[i / 3].node[i % 3])]++;
+    for (size_t i = 0; i < corners; i++) tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]++;
     for (size_t n = 1; n <= nodes; n++) tissue->fan_start[n] += tissue->fan_start[n - 1];
-    for (size_t i = corners; i-- > 0;) tissue->fan[--tissue->fan_start[index_of(tissue, tissue->skin[i / 3].node[i % 3])]] = (int32_t)(i / 3);
+    for (size_t i = corners; i-- > 0;) tissue->fan[--tissue->fan_start[tissue->index_of[tissue->skin[i / 3].node[i % 3]]]] = (int32_t)(i / 3);
     return PLIANT_OK;
 }
 
@@ -184,7 +175,7 @@ static void measure(pliant_tissue *tissue)
             b[d] = rest[3 * (size_t)node[2] + (size_t)d] - rest[3 * (size_t)node[0] + (size_t)d];
         }
         for (int d = 0; d < 3; d++) square += pow(a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3], 2);
-        for (int v = 0; v < 3; v++) tissue->area[index_of(tissue, node[v])] += sqrt(square) / 6;
+        for (int v = 0; v < 3; v++) tissue->area[tissue->index_of[node[v]]] += sqrt(square) / 6;
         tissue->shortest = fmin(tissue->shortest, sqrt(fmin(a[0] * a[0] + a[1] * a[1] + a[2] * a[2], b[0] * b[0] + b[1] * b[1] + b[2] * b[2])));
     }
 }
@@ -214,7 +205,7 @@ static pliant_status find_sides(pliant_tissue *tissue)
                 }
             }
             if (again) continue;
-            const int32_t low = index_of(tissue, edge[i].low), high = index_of(tissue, edge[i].high);
+            const int32_t low = tissue->index_of[edge[i].low], high = tissue->index_of[edge[i].high];
             if (pass) {
                 tissue->around[--tissue->around_start[low]] = edge[i].high;
                 tissue->around[--tissue->around_start[high]] = edge[i].low;

@@ -367,23 +367,75 @@ bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
     return pliant_contact_turn(model, data) <= 1;
 }
 
-bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
+static bool has_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    if (!pliant_contact_may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
+    if (choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
     const double way = pliant_contact_way(search->finder, positions);
     if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
     search->made.count = 0;
     pliant_status status = gather_parts(model, data, way);
-    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL; /* which stay until the step places them */
-    if (status == PLIANT_OK)
-        status = pliant_contact_find_passed(search->finder, body, positions, pieces ? pieces->of_node : NULL, search->num_parts, search->part, &search->made);
+    if (status == PLIANT_OK) status = pliant_contact_find_passed(search->finder, body, positions, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(start->points, start->points->count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
     return take_in(data, start, &search->made) > 0;
+}
+
+bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
+{
+    if (!pliant_contact_may_pass(model, data)) return false;
+    if (data->falling) pliant_falling_ahead(data->falling, &data->contacts, data->positions);
+    const bool passed = has_passed(model, data, start);
+    if (data->falling) pliant_falling_stay(data->falling, data->positions); /* until the step places them */
+    return passed;
+}
+
+/* In a tool, by more than this share of its depth */
+static bool is_deep(const pliant_data *data, const pliant_contact_point *point)
+{
+    const double share = 0.1;
+    return point->kind == PLIANT_OBSTACLE_TOOL && gap_of(point, data->positions) < -share * pliant_part_depth(data->tools[point->tool].shape.part + point->part);
+}
+
+bool pliant_contact_is_deep(const pliant_data *data)
+{
+    bool any = false;
+    for (int32_t n = 0; n < data->contacts.count && !any; n++) any = is_deep(data, data->contacts.point + n);
+    return any;
+}
+
+/* Whether the point's piece is pressed against something else, too: it has no way out then. */
+static bool is_squeezed(const pliant_data *data, const int32_t *piece, const pliant_contact_point *point)
+{
+    bool any = false;
+    for (int32_t n = 0; n < data->contacts.count && !any; n++) {
+        const pliant_contact_point *other = data->contacts.point + n;
+        if (other->kind == point->kind && other->tool == point->tool && other->part == point->part) continue;
+        for (int32_t k = 0; k < other->count && dot(other->force, other->force) > 0; k++) any = any || piece[other->node[k]] == piece[point->node[0]];
+    }
+    return any;
+}
+
+bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start *start)
+{
+    const double firmer = 16;
+    const int32_t *piece = data->falling ? pliant_falling_touch_pieces(data->falling)->of_node : NULL;
+    bool any = false;
+    if (!piece) return false;
+    pliant_falling_ahead(data->falling, &data->contacts, data->positions);
+    for (int32_t n = 0; n < data->contacts.count; n++) {
+        const pliant_contact_point *point = data->contacts.point + n;
+        if (piece[point->node[0]] < 0 || !is_deep(data, point) || is_squeezed(data, piece, point)) continue;
+        pliant_contact_point *begun = bsearch(point, start->points->point, (size_t)start->points->count, sizeof *point, pliant_contact_compare);
+        if (!begun) continue;
+        begun->firm = firmer * (1 + begun->firm) - 1;
+        any = true;
+    }
+    pliant_falling_stay(data->falling, data->positions); /* until the step places them */
+    return any;
 }
 
 void pliant_contact_goes_on_from_here(pliant_data *data)

@@ -23,6 +23,10 @@ typedef struct pliant_contact_start {
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start);
 /* The most that a tool with a shape turns in the step, of what can be followed; one that has jumped turns nothing on its way. */
 double pliant_contact_turn(const pliant_model *model, const pliant_data *data);
+/* Whether the tissue is in a tool by more than a tenth of that's depth at a point that the solve knew of: a patch has moved it since. */
+bool pliant_contact_is_deep(const pliant_data *data);
+/* The same of a piece that has come off, which gave way there, or turned by more than the solve foresaw: in `start` it gives way less now, and its turn is known. */
+bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start *start);
 /* It is solved again from where it has ended: what begins to touch sticks where it is now. */
 void pliant_contact_goes_on_from_here(pliant_data *data);
 /* The step is done: tools were where they are now. */
@@ -66,14 +70,12 @@ void pliant_contact_pose(const pliant_tool *end, double share, double tip[3], do
 void pliant_contact_go(const pliant_model *model, const pliant_tool *end, double share, pliant_tool *tool);
 /* How far no point of a tool's part goes beyond in this step [m] */
 double pliant_contact_way_of(const pliant_tool *tool, const pliant_part *part);
-/* Whether any tool with a shape goes further in this step than half of an element. */
+/* Whether any tool with a shape goes further in this step than half of an element, or, where there is one, a piece that has come off. */
 bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data);
 /* The scene's obstacles, but for shapes. @return how many */
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
 /* Whether anything that tissue can get by pressed as the last step ended. */
 bool pliant_contact_presses(const pliant_model *model, const pliant_data *data);
-/* Whether a tool holds a piece that has come off, or may come near one in this step. */
-bool pliant_contact_nears_pieces(const pliant_model *model, pliant_data *data);
 /* Over parts of obstacles, and of tools that tissue is near, the most of how far one and the tissue near it go in this step, over its depth; every node goes on by its increment (nodes x 3) so
  * many times [m]. */
 double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);

@@ -41,47 +41,13 @@ double pliant_contact_way_of(const pliant_tool *tool, const pliant_part *part)
 bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
 {
     const double *cell = data->body->fine.cell_size, far = 0.5 * fmax(fmax(cell[0], cell[1]), cell[2]);
-    bool any = false;
+    bool any = false, has_shape = false;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
+        has_shape = has_shape || (tool->present && tool->shape.num_parts > 0);
         for (int32_t p = 0; p < tool->shape.num_parts && !any && pliant_contact_goes_on(model, tool); p++) any = pliant_contact_way_of(tool, tool->shape.part + p) > far;
     }
-    return any;
-}
-
-/* ---- what pieces meet */
-
-/* more: how far pieces go in the step [m] */
-static bool part_nears_pieces(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_part *part, double more)
-{
-    const double near = more + PLIANT_CONTACT_MARGIN + (pliant_contact_goes_on(model, tool) ? pliant_contact_way_of(tool, part) : 0);
-    const pliant_pieces *pieces = data->body->pieces;
-    const double reach = near + pliant_part_reach(part, part->from);
-    pliant_pose pose;
-    double centre[3], local[3], normal[3];
-    bool any = false;
-    pliant_part_pose(&tool->shape, part->frame, tool->tip, tool->rotation, tool->jaw, &pose);
-    pliant_pose_to(&pose, part->from, centre);
-    for (int32_t i = 0; i < pieces->start[pieces->count] && !any; i++) {
-        const double *x = data->positions + 3 * (size_t)pieces->node[i];
-        if (distance(x, centre) > reach) continue;
-        pliant_pose_from(&pose, x, local);
-        any = pliant_part_distance(part, local, normal) < near;
-    }
-    return any;
-}
-
-bool pliant_contact_nears_pieces(const pliant_model *model, pliant_data *data)
-{
-    bool any = false;
-    if (!data->falling) return false;
-    const double more = pliant_falling_foresee(data);
-    for (int t = 0; t < data->num_tools; t++) {
-        const pliant_tool *tool = data->tools + t;
-        for (int32_t h = 0; h < tool->num_held && tool->holding && !any; h++) any = pliant_falling_has(data->falling, tool->held[h]);
-        for (int32_t p = 0; p < tool->shape.num_parts && tool->present && !any; p++) any = part_nears_pieces(model, data, tool, tool->shape.part + p, more);
-    }
-    return any;
+    return any || (has_shape && data->falling && pliant_falling_goes(data->falling) > far);
 }
 
 /* ---- what stands still */

@@ -128,24 +128,6 @@ static pliant_status patch(const pliant_model *model, pliant_data *data)
 /* contact/response paper without its delay looks for what overlaps in every sub-step */
 static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
 
-/* The positions that a solve led to, on the host, with what a patch makes of them; pieces stay where they were. */
-static pliant_status place(const pliant_model *model, pliant_data *data, bool upsamples)
-{
-    pliant_solver *solver = data->solver;
-    const double start = pliant_seconds();
-    pliant_status status = upsamples ? data->backend->upsample(model, data) : PLIANT_OK;
-    if (status >= 0 && data->backend->bring) status = data->backend->bring(model, data);
-    data->statistics.seconds[PLIANT_STEP_upsample] += pliant_seconds() - start;
-    if (status >= 0 && pliant_patch_serves(data) > 0) {
-        const double begun = pliant_seconds(), clock = solver->clock(solver->clock_user);
-        status = move_patch(model, data);
-        solver->spent += solver->clock(solver->clock_user) - clock;
-        data->statistics.seconds[PLIANT_STEP_patch] += pliant_seconds() - begun;
-    }
-    if (data->falling) pliant_falling_stay(data->falling, data->positions);
-    return status;
-}
-
 /* By whichever backend, and how long it took of the budget that a step has. */
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
@@ -156,10 +138,69 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     return status;
 }
 
+/* Of a step that has been solved before. */
+static pliant_status solve_more(const pliant_model *model, pliant_data *data)
+{
+    const double start = pliant_seconds();
+    const int32_t iterations = data->statistics.iterations;
+    const pliant_status status = solve(model, data);
+    data->statistics.iterations += iterations;
+    data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
+    return status;
+}
+
+/* What patches make of where the solve led to. */
+static pliant_status add_patch(const pliant_model *model, pliant_data *data)
+{
+    pliant_solver *solver = data->solver;
+    const double begun = pliant_seconds(), clock = solver->clock(solver->clock_user);
+    const pliant_status status = move_patch(model, data);
+    solver->spent += solver->clock(solver->clock_user) - clock;
+    data->statistics.seconds[PLIANT_STEP_patch] += pliant_seconds() - begun;
+    return status;
+}
+
+/* The host's positions are those that a solve led to. */
+static pliant_status bring(const pliant_model *model, pliant_data *data, bool upsamples)
+{
+    const double start = pliant_seconds();
+    pliant_status status = upsamples ? data->backend->upsample(model, data) : PLIANT_OK;
+    if (status >= 0 && data->backend->bring) status = data->backend->bring(model, data);
+    data->statistics.seconds[PLIANT_STEP_upsample] += pliant_seconds() - start;
+    return status;
+}
+
 /* From here on only what is planned for this step of what is made in the background may come in: a step that waits for nothing tells what it took as a whole. */
 static void take_no_more(pliant_data *data)
 {
     if (data->background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
+}
+
+/* With what a patch makes of them; pieces stay where they were. Points that the coarse model holds are moved by the patch after that: where one is deep in a tool then, both take turns
+ * (alternating Schwarz method), from where they are. */
+static pliant_status place(const pliant_model *model, pliant_data *data, bool upsamples)
+{
+    enum { MOST_TURNS = 8 };
+    pliant_status status = bring(model, data, upsamples);
+    if (status >= 0 && pliant_patch_serves(data) > 0) status = add_patch(model, data);
+    for (int turn = 0; turn < MOST_TURNS && status >= 0 && pliant_patch_serves(data) > 0 && pliant_contact_is_deep(data) && pliant_solver_has_time(data->solver); turn++) {
+        take_no_more(data);
+        pliant_contact_goes_on_from_here(data);
+        const pliant_status solved = solve_more(model, data);
+        if (solved == PLIANT_ERROR_MEMORY || solved == PLIANT_ERROR_NUMERIC) break; /* it is where it was */
+        status = solved >= 0 ? bring(model, data, true) : solved;
+        if (status >= 0) status = add_patch(model, data);
+        if (status == PLIANT_OK) status = solved;
+    }
+    if (data->falling) pliant_falling_stay(data->falling, data->positions);
+    return status;
+}
+
+/* Whether tissue has gone by a tool, or a piece has let one in that goes far: there is more to solve it with now. */
+static bool gets_by(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, const pliant_contact_start *begun)
+{
+    const bool passed = pliant_contact_passed(model, data, begun);
+    return (parts->most > 1 && pliant_contact_piece_is_deep(data, begun)) || passed;
 }
 
 /* Whether what a step was solved again to is no good, and it can be taken in more parts than it is. */
@@ -167,7 +208,7 @@ static bool goes_wrong(const pliant_model *model, pliant_data *data, const plian
 {
     if (!pliant_substeps_can_be_more(data, parts)) return false;
     const pliant_contact_start start = pliant_substeps_start(data, parts);
-    return pliant_substeps_turned(data) || pliant_contact_passed(model, data, &start);
+    return pliant_substeps_turned(data) || gets_by(model, data, parts, &start);
 }
 
 /* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool, from where it began if that is kept: where
@@ -189,15 +230,11 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     first = status;
     if (!may_pass) return first;
     take_no_more(data);
-    for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && pliant_contact_passed(model, data, &begun); again++) {
+    for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && gets_by(model, data, parts, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
-        const double start = pliant_seconds();
-        const int32_t iterations = data->statistics.iterations;
         if (!kept) pliant_contact_goes_on_from_here(data);
         else if ((status = pliant_substeps_back(model, data)) < 0) break;
-        status = solve(model, data);
-        data->statistics.iterations += iterations;
-        data->statistics.seconds[PLIANT_STEP_solve] += pliant_seconds() - start;
+        status = solve_more(model, data);
         const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
         if (placed != PLIANT_OK) status = placed;
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {

@@ -12,10 +12,11 @@
 
 enum { MOST = 16 };
 
-/* Where nodes are, and with which points of contact. */
+/* Where nodes are, with which points of contact, and what tools pull with. */
 typedef struct placed {
     int32_t room_nodes, room_solved;
     double *positions, *solved; /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
+    double force[PLIANT_MAX_TOOLS][3]; /* of their handles [N] */
     pliant_contacts points;
 } placed;
 
@@ -25,8 +26,8 @@ struct pliant_step_begin {
     const double *positions;         /* of the fine mesh, as the step began [m] */
     placed step;                     /* as the step began, and all that follows, of one that may be taken in parts; without points */
     pliant_contact_kept contact;
-    double force[PLIANT_MAX_TOOLS][3];   /* of their handles [N] */
     pliant_even even;
+    pliant_falling_kept *falling; /* Nullable */
 };
 
 static bool reserve(double **room, int32_t *has, int32_t nodes)
@@ -39,9 +40,13 @@ static bool reserve(double **room, int32_t *has, int32_t nodes)
     return true;
 }
 
+/* Of a tool, at the patches or at the model. */
+static pliant_handle *handle_of(const pliant_data *data, int tool) { return pliant_patch_solver(data, tool)->handles + tool; }
+
 /* There is room for it. */
 static void copy(const pliant_data *data, const placed *from, placed *to)
 {
+    memcpy(to->force, from->force, sizeof to->force);
     memcpy(to->positions, from->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *to->positions);
     memcpy(to->solved, from->solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *to->solved);
 }
@@ -60,7 +65,8 @@ static void fix_pieces(const pliant_data *data, double *solved)
 static void take(const pliant_model *model, pliant_data *data, placed *out)
 {
     if (data->backend->download) data->backend->download(model, data);
-    const placed now = {.positions = data->positions, .solved = data->solver->now.x};
+    placed now = {.positions = data->positions, .solved = data->solver->now.x};
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(now.force[t], handle_of(data, t)->force, sizeof now.force[t]);
     copy(data, &now, out);
     fix_pieces(data, out->solved);
 }
@@ -72,6 +78,7 @@ static pliant_status put(const pliant_model *model, pliant_data *data, const pla
     const pliant_even even = solver->even;
     placed now = {.positions = data->positions, .solved = solver->now.x};
     copy(data, at, &now);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(handle_of(data, t)->force, now.force[t], sizeof now.force[t]);
     pliant_solver_moved(solver);
     (void)pliant_solver_touch(solver, NULL, NULL, NULL); /* those of where it was */
     if (pliant_patch_serves(data) > 0) pliant_patch_moved(data, data->step_begin->positions);
@@ -84,9 +91,6 @@ static bool reserve_placed(const pliant_data *data, placed *room)
 {
     return reserve(&room->positions, &room->room_nodes, data->body->fine.num_nodes) && reserve(&room->solved, &room->room_solved, data->solver->system->mesh->num_nodes);
 }
-
-/* Of a tool, at the patches or at the model. */
-static pliant_handle *handle_of(const pliant_data *data, int tool) { return pliant_patch_solver(data, tool)->handles + tool; }
 
 /* false: there is no memory for it */
 static bool keep(const pliant_model *model, pliant_data *data)
@@ -104,9 +108,9 @@ static bool keep_all(pliant_data *data)
 {
     struct pliant_step_begin *begin = data->step_begin;
     if (!reserve_placed(data, &begin->step) || pliant_contact_keep(data, &begin->contact) != PLIANT_OK) return false;
+    if (data->falling && pliant_falling_keep(data->falling, &begin->falling) != PLIANT_OK) return false;
     copy(data, &begin->part, &begin->step);
     begin->positions = begin->step.positions;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(begin->force[t], handle_of(data, t)->force, sizeof begin->force[t]);
     begin->even = data->solver->even;
     return true;
 }
@@ -115,8 +119,8 @@ static bool keep_all(pliant_data *data)
 static pliant_status go_back(const pliant_model *model, pliant_data *data)
 {
     const struct pliant_step_begin *begin = data->step_begin;
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(handle_of(data, t)->force, begin->force[t], sizeof begin->force[t]);
     data->solver->even = begin->even;
+    if (data->falling) pliant_falling_back(begin->falling, data->falling);
     return put(model, data, &begin->step);
 }
 
@@ -144,7 +148,7 @@ void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_
     const bool far = pliant_contact_goes_far(model, data);
     if (!(far || pliant_contact_presses(model, data)) || !keep(model, data)) return;
     parts->kept = true;
-    if (!far || pliant_contact_nears_pieces(model, data) || !keep_all(data)) return; /* pieces go the whole step at once */
+    if (!far || !keep_all(data)) return;
     parts->most = MOST;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(parts->target[t], handle_of(data, t)->target, sizeof parts->target[t]);
     while (parts->count < parts->most && pliant_contact_turn(model, data) > parts->count) parts->count *= 2;
@@ -160,6 +164,7 @@ bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_s
 {
     if (parts->at == parts->count) return false;
     pliant_contact_end(data);
+    if (data->falling) (void)pliant_falling_step(data); /* of quasi-static solvers: nothing to take anew */
     parts->at++;
     take(model, data, &data->step_begin->part);
     go(model, data, parts);
@@ -245,6 +250,7 @@ void pliant_substeps_free(pliant_data *data)
     if (!data->step_begin) return;
     placed *const all[] = {&data->step_begin->part, &data->step_begin->last, &data->step_begin->step};
     pliant_contact_kept_free(&data->step_begin->contact);
+    pliant_falling_kept_free(data->step_begin->falling);
     for (int n = 0; n < 3; n++) {
         pliant_free(all[n]->points.point);
         pliant_free(all[n]->positions);

@@ -17,12 +17,12 @@ typedef struct pliant_substeps {
     double target[PLIANT_MAX_TOOLS][3]; /* of tools that hold by springs, as the step ends [m] */
 } pliant_substeps;
 
-/* Before the contact stage, as a whole, or in as many parts as tools turn far for, if none may come near a piece that has come off. Where something presses that tissue can get by, or tools go far, it is kept where nodes
+/* Before the contact stage, as a whole, or in as many parts as tools turn far for. Where something presses that tissue can get by, or tools go far, it is kept where nodes
  * are; in the latter case all that the step begins with. */
 void pliant_substeps_begin(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
 /* The points of the step, or of the part that it is at, are found: forces and anchors that it begins with are kept, where nodes are. */
 void pliant_substeps_found(pliant_data *data, pliant_substeps *parts);
-/* A part is done: the next one begins. false: that was the last */
+/* A part is done: pieces that have come off go on by theirs, and the next one begins. false: that was the last */
 bool pliant_substeps_next(const pliant_model *model, pliant_data *data, pliant_substeps *parts);
 /* Whether the step can be taken in more parts: as it began is kept, and there is time. */
 bool pliant_substeps_can_be_more(const pliant_data *data, const pliant_substeps *parts);

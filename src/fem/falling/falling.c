@@ -136,7 +136,7 @@ pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body
     pliant_falling *falling = pliant_calloc(1, sizeof *falling);
     if (!falling) return pliant_fail_memory("the pieces that have come off");
     falling->body = body;
-    falling->step = scene->solver.step;
+    falling->whole = falling->step = scene->solver.step;
     falling->num_walls = pliant_tled_walls(scene, falling->walls);
     falling->friction = scene->ground.friction;
     falling->restitution = scene->ground.restitution;
@@ -385,6 +385,7 @@ bool pliant_falling_step(pliant_data *data)
     bool anew = false;
     data->statistics.falling = 0;
     if (!falling->body->has_inertia) {
+        pliant_falling_set_step(falling, data);
         pliant_falling_is_touched(falling, &data->contacts);
         move_all(falling, data);
         move_origins(falling, data);

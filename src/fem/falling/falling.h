@@ -25,7 +25,7 @@ pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body
                                     const pliant_body_map *map, pliant_falling **out);
 void pliant_falling_free(pliant_falling *falling); /* Nullable */
 
-/* A step of the scene, from data->positions of all else: pieces' nodes in data->positions, what tools feel of them, statistics. true: explicit
+/* A step of the scene, or one of the parts that it is taken in (data->parts), from data->positions of all else: pieces' nodes in data->positions, what tools feel of them, statistics. true: explicit
  * dynamics must take the state of the host anew. */
 bool pliant_falling_step(pliant_data *data);
 /* ---- touched.c, of quasi-static solvers. data->falling is there */
@@ -38,10 +38,20 @@ bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *c
 /* As foreseen; NULL: explicit dynamics moves them. */
 const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling);
 
+/* How far any node of them goes in a step of the scene, as fast as it is, at most [m] */
+double pliant_falling_goes(const pliant_falling *falling);
 /* Amid a step: their nodes are where it found them. Explicit dynamics moves them itself. */
 void pliant_falling_stay(const pliant_falling *falling, double *positions);
+/* Or where the forces of contacts lead them, as far as is known before the step ends; points of them are solved for around that from now on. */
+void pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions);
 /* They are there, and do not move. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
+
+/* ---- kept.c: what a step of quasi-static solvers begins with. *kept: NULL at first. Errors: MEMORY */
+typedef struct pliant_falling_kept pliant_falling_kept;
+pliant_status pliant_falling_keep(const pliant_falling *falling, pliant_falling_kept **kept);
+void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *falling); /* of the same body */
+void pliant_falling_kept_free(pliant_falling_kept *kept);                           /* Nullable */
 
 /* Nullable falling. Where a node was when its piece came off; NULL: it is of none */
 const double *pliant_falling_home(const pliant_falling *falling, int32_t node);

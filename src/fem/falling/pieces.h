@@ -33,7 +33,7 @@ enum { MOST_GRIPS = 8 * PLIANT_MAX_TOOLS };
 
 struct pliant_falling {
     const pliant_body *body;
-    double step;                     /* of the scene [s] */
+    double whole, step;              /* of the scene; of the part of it that is at hand [s] */
     pliant_wall walls[PLIANT_MAX_WALLS];
     int num_walls;
     double friction, restitution;
@@ -52,6 +52,8 @@ struct pliant_falling {
     pliant_touch_piece *touch;       /* (body->pieces->count) */
     pliant_touch_pieces together;  /* these two */
 };
+
+static inline void pliant_falling_set_step(pliant_falling *falling, const pliant_data *data) { falling->step = falling->whole / data->parts; }
 
 /* ---- grips.c */
 /* As a rigid body, as the step begins. */

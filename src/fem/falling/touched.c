@@ -81,11 +81,39 @@ static void foresee(const pliant_falling *falling, const double gravity[3], cons
     pliant_dense_cholesky_solve(6, matrix, 1, out->free);
 }
 
+/* of its nodes, where its centre goes so far, and it turns about that so far */
+static double farthest_of(const pliant_falling *falling, int32_t p, const double centre[3], const double go[3], const double turn[3])
+{
+    double reach = 0;
+    for (int32_t i = falling->body->pieces->start[p]; i < falling->body->pieces->start[p + 1]; i++) {
+        const double *x = falling->x + 3 * (size_t)i;
+        reach = fmax(reach, pow(x[0] - centre[0], 2) + pow(x[1] - centre[1], 2) + pow(x[2] - centre[2], 2));
+    }
+    return sqrt(go[0] * go[0] + go[1] * go[1] + go[2] * go[2]) + sqrt(reach * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
+}
+
+double pliant_falling_goes(const pliant_falling *falling)
+{
+    double farthest = 0;
+    for (int32_t p = 0; p < falling->body->pieces->count && !falling->body->has_inertia; p++) {
+        const piece *at = falling->pieces + p;
+        pliant_rigid body;
+        double spin[3];
+        if (at->rests || at->gone) continue;
+        pliant_falling_rigid(falling, p, &body);
+        if (!(body.mass > 0)) continue;
+        pliant_rigid_spin(&body, spin);
+        farthest = fmax(farthest, falling->whole * farthest_of(falling, p, body.centre, body.velocity, spin));
+    }
+    return farthest;
+}
+
 double pliant_falling_foresee(pliant_data *data)
 {
     pliant_falling *falling = data->falling;
     double farthest = 0;
     if (falling->body->has_inertia) return 0;
+    pliant_falling_set_step(falling, data);
     pliant_falling_find_grips(falling, data);
     for (int32_t p = 0; p < falling->body->pieces->count; p++) {
         piece *at = falling->pieces + p;
@@ -101,13 +129,8 @@ double pliant_falling_foresee(pliant_data *data)
             continue;
         }
         foresee(falling, data->gravity, &body, pliant_falling_pulls(falling, data, p, body.centre, num_grips, grips, pulls), pulls, touch);
-        double reach = 0;
-        for (int32_t i = falling->body->pieces->start[p]; i < falling->body->pieces->start[p + 1]; i++) {
-            const double *x = falling->x + 3 * (size_t)i;
-            reach = fmax(reach, pow(x[0] - body.centre[0], 2) + pow(x[1] - body.centre[1], 2) + pow(x[2] - body.centre[2], 2));
-        }
-        const double *go = touch->free, *turn = go + 3;
-        at->way = sqrt(go[0] * go[0] + go[1] * go[1] + go[2] * go[2]) + sqrt(reach * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
+        memcpy(touch->ahead, touch->free, sizeof touch->ahead);
+        at->way = farthest_of(falling, p, body.centre, touch->free, touch->free + 3);
         if (!at->rests) farthest = fmax(farthest, at->way);
     }
     return farthest;
@@ -220,16 +243,20 @@ static void contact_load(const pliant_falling *falling, const pliant_contacts *c
         }
 }
 
-void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls)
+/* how far it goes: of its centre, and an angle about that */
+static void moved_by(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, double moved[6])
 {
     const pliant_touch_piece *touch = falling->touch + p;
+    double load[6];
+    contact_load(falling, contacts, p, load);
+    for (int k = 0; k < 6; k++) moved[k] = pliant_piece_moves(touch, load, k);
+}
+
+void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls)
+{
     const double step = falling->step, kept = exp(-drag * step), still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-    double load[6], moved[6];
-    contact_load(falling, &data->contacts, p, load);
-    for (int k = 0; k < 6; k++) {
-        moved[k] = touch->free[k];
-        for (int l = 0; l < 6; l++) moved[k] += touch->answer[6 * k + l] * load[l];
-    }
+    double moved[6];
+    moved_by(falling, &data->contacts, p, moved);
     for (int g = 0; g < num_pulls; g++) {
         double force[3], turned[3];
         const double stiffness = stiffness_of(pulls + g, body, step, force);
@@ -242,5 +269,25 @@ void pliant_falling_move_touched(const pliant_falling *falling, const pliant_dat
         body->velocity[d] = kept * moved[d] / step;
         body->momentum[d] = 0;
         for (int k = 0; k < 3; k++) body->momentum[d] += kept * body->inertia[3 * d + k] * moved[3 + k] / step;
+    }
+}
+
+void pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions)
+{
+    const double still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const pliant_pieces *pieces = falling->body->pieces;
+    (void)pliant_falling_is_touched(falling, contacts);
+    for (int32_t p = 0; p < pieces->count && !falling->body->has_inertia; p++) {
+        const double *centre = falling->touch[p].centre;
+        double *moved = falling->touch[p].ahead, rotation[9];
+        if (!falling->pieces[p].touched && (falling->pieces[p].rests || falling->pieces[p].gone)) continue;
+        moved_by(falling, contacts, p, moved);
+        pliant_rigid_turn(moved + 3, still, rotation);
+        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
+            const double *x = falling->x + 3 * (size_t)i, arm[3] = {x[0] - centre[0], x[1] - centre[1], x[2] - centre[2]};
+            for (int r = 0; r < 3; r++)
+                positions[3 * (size_t)pieces->node[i] + (size_t)r] =
+                    centre[r] + moved[r] + rotation[3 * r] * arm[0] + rotation[3 * r + 1] * arm[1] + rotation[3 * r + 2] * arm[2];
+        }
     }
 }

@@ -412,7 +412,7 @@ pliant_status pliant_patch_step(pliant_data *data)
     solver->background = &data->background;
     solver->takes_factor = PLIANT_TAKES_PATCH_FACTOR;
     solver->takes_history = PLIANT_TAKES_PATCH_HISTORY;
-    if (data->solver->budget > 0) solver->budget = fmax(data->solver->budget - statistics->seconds[PLIANT_STEP_solve] - statistics->seconds[PLIANT_STEP_patch], 1e-9);
+    if (data->solver->budget > 0) solver->budget = fmax(pliant_solver_time_left(data->solver), 1e-9);
     follow(patch, data->positions);
     pliant_status status = pliant_solver_touch(solver, &patch->inside, NULL, solver->now.x);
     if (status == PLIANT_OK) status = pliant_solver_step(solver, &own);

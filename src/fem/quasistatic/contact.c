@@ -183,14 +183,15 @@ static void set_point(const pliant_solver *solver, pliant_contact_point *point, 
 {
     pliant_touches *touches = solver->touches;
     const double *frame = touches->frame + 9 * (size_t)c;
-    double y[3] = {0, 0, 0}, moved[3], *force = touches->taken.force + 3 * (size_t)c;
+    double y[3] = {0, 0, 0}, bend[3] = {0, 0, 0}, moved[3], *force = touches->taken.force + 3 * (size_t)c;
     for (int32_t k = 0; k < point->count; k++)
         for (int d = 0; d < 3; d++) y[d] += point->weight[k] * fine_positions[3 * (size_t)point->node[k] + (size_t)d];
     for (int d = 0; d < 3 && !point->begun; d++) point->anchor[d] = y[d] + point->drift[d] - point->place[d];
     moved_point(solver->system, touches, c, solver->now.x, moved);
+    pliant_touches_bend(touches, c, bend);
     double across = 0;
     for (int d = 0; d < 3; d++) across += frame[d] * point->anchor[d];
-    for (int d = 0; d < 3; d++) touches->goal[3 * (size_t)c + (size_t)d] = point->place[d] + point->anchor[d] - across * frame[d] - (y[d] - moved[d]);
+    for (int d = 0; d < 3; d++) touches->goal[3 * (size_t)c + (size_t)d] = point->place[d] + point->anchor[d] - across * frame[d] - (y[d] + bend[d] - moved[d]);
     into_frame(frame, point->force, force);
     const double slide = sqrt(force[1] * force[1] + force[2] * force[2]), most = point->friction * fmax(force[0], 0);
     for (int k = 1; k < 3 && slide > most; k++) force[k] *= most / slide;

@@ -107,6 +107,8 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
  * give way by 1 / (E sqrt(area)), as an elastic half-space does under a patch of that area (Johnson, Contact Mechanics, 3.4). */
 /* What the point has of pieces. Errors: MEMORY. */
 pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions);
+/* out += how much further than to first order the pieces' turns take a point [m] */
+void pliant_touches_bend(const pliant_touches *touches, int32_t point, double out[3]);
 /* one of those that points are of */
 const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving);
 /* of a point by itself [m/N] */

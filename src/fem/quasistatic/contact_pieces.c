@@ -56,15 +56,21 @@ pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_cont
 
 const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving) { return touches->pieces->piece + touches->moving[moving]; }
 
+void pliant_touches_bend(const pliant_touches *touches, int32_t c, double out[3])
+{
+    for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) pliant_arm_bend(touches->arm + a, pliant_touches_moving(touches, touches->arm[a].moving), out);
+}
+
 double pliant_touches_give_way(const pliant_touches *touches, int32_t c)
 {
-    const double area = touches->points->point[touches->point[c]].area;
+    const pliant_contact_point *point = touches->points->point + touches->point[c];
+    const double area = point->area;
     double sum = 0;
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1] && area > 0; a++) {
         const double young = pliant_touches_moving(touches, touches->arm[a].moving)->young;
         if (young > 0) sum += 1 / (young * sqrt(area));
     }
-    return sum;
+    return sum / (1 + point->firm);
 }
 
 void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int32_t b, double out[9])

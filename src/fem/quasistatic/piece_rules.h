@@ -4,16 +4,18 @@
 
 #include "base/inline.h"
 
+#include <math.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* A piece that has come off (fem/falling) while it touches something: a rigid body through a step, to first order. */
+/* A piece that has come off (fem/falling) while it touches something: a rigid body through a step, to first order around how far it has been seen to go. */
 typedef struct pliant_touch_piece {
     double centre[3];      /* of mass, as the step begins [m] */
     double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */
+    double ahead[6];       /* how far it has been seen to go, and turn: at first as far as `free` [m, rad] */
     double answer[36];     /* what a force and a torque about its centre add to that [m/N, rad/(N m)] */
     double young;          /* of its tissue, by which points of it give way [Pa] */
     int32_t num_young;     /* tetrahedra that this is the mean of */
@@ -60,6 +62,16 @@ PLIANT_INLINE double pliant_piece_moves(const pliant_touch_piece *piece, const d
     double moved = piece->free[k];
     for (int l = 0; l < 6; l++) moved += piece->answer[6 * k + l] * load[l];
     return moved;
+}
+
+/* out += what the piece's turn ahead takes a point of it beyond w x r: (R(w) - I - [w]) r, by Rodrigues' formula */
+PLIANT_INLINE void pliant_arm_bend(const pliant_touch_arm *arm, const pliant_touch_piece *piece, double out[3])
+{
+    const double *w = piece->ahead + 3, *r = arm->arm, square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], angle = sqrt(square);
+    const double s = angle > 1e-3 ? sin(angle) / angle - 1 : -square / 6, c = angle > 1e-3 ? (1 - cos(angle)) / square : 0.5;
+    double once[3];
+    for (int d = 0; d < 3; d++) once[d] = w[(d + 1) % 3] * r[(d + 2) % 3] - w[(d + 2) % 3] * r[(d + 1) % 3];
+    for (int d = 0; d < 3; d++) out[d] += s * once[d] + c * (w[(d + 1) % 3] * once[(d + 2) % 3] - w[(d + 2) % 3] * once[(d + 1) % 3]);
 }
 
 /* block (9) += of A of two points of one piece, in their frames */

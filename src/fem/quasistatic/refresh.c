@@ -366,7 +366,8 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
 pliant_status pliant_refresh_now(pliant_solver *solver, pliant_statistics *statistics, bool *made)
 {
     *made = false;
-    if (pliant_preconditioner_base(solver->preconditioner)) return PLIANT_OK; /* carried over: its own is on its way */
+    /* carried over: its own is on its way, and is waited for where the body is not new in this step */
+    if (pliant_preconditioner_base(solver->preconditioner) && !(solver->refresh && solver->refresh->running && solver->refresh->started < statistics->step)) return PLIANT_OK;
     if (!solver->refresh) {
         pliant_status status = refresh_create(solver);
         if (status != PLIANT_OK) return status;

@@ -22,19 +22,18 @@ typedef struct step_time {
     pliant_even_limit limit;
 } step_time;
 
-/* of the budget, as a solve begins [s] */
-static double time_left(const pliant_solver *solver) { return (1 - solver->reserved) * solver->budget - solver->spent; }
+double pliant_solver_time_left(const pliant_solver *solver) { return (1 - solver->reserved) * solver->budget - solver->spent; }
 
-bool pliant_solver_has_time(const pliant_solver *solver) { return !(solver->budget > 0) || time_left(solver) > 0; }
+bool pliant_solver_has_time(const pliant_solver *solver) { return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0; }
 
 bool pliant_solver_has_time_for(const pliant_solver *solver, double start, double seconds)
 {
-    return !(solver->budget > 0) || solver->clock(solver->clock_user) + seconds < start + time_left(solver);
+    return !(solver->budget > 0) || solver->clock(solver->clock_user) + seconds < start + pliant_solver_time_left(solver);
 }
 
 int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each)
 {
-    const double left = start + time_left(solver) - now;
+    const double left = start + pliant_solver_time_left(solver) - now;
     return solver->budget > 0 && each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
 }
 

@@ -170,6 +170,8 @@ void pliant_solver_forget(pliant_solver *solver);
 void pliant_solver_moved(pliant_solver *solver);
 static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { return 3 * (size_t)solver->system->num_free; }
 
+/* What is left of the budget as a solve of this step begins, but for later parts of it [s]. */
+double pliant_solver_time_left(const pliant_solver *solver);
 /* Whether another solve of this step has time; without a budget it has. */
 bool pliant_solver_has_time(const pliant_solver *solver);
 /* Whether what takes so many seconds, such as a new factor, would be there before the budget of a solve that began at `start` [s] ends. */
