@@ -33,7 +33,7 @@ typedef struct pliant_contact_point {
     double drift[3];        /* how far p moved in the step, as a point of the obstacle [m] */
     double area;            /* of the surface that it stands for, at rest [m^2] */
     double friction;        /* Coulomb's mu */
-    double firm;            /* of a piece that has come off: so much less, over what it gives way there by itself, less 1 */
+    double firm;            /* of a piece that has come off: it gives way there 1 / (1 + firm) times as much as by itself; for the solves of one step */
     /* OUTPUT, by who solves; kept from step to step for the same feature */
     double force[3];        /* on the tissue at the weights' point [N] */
     double anchor[3];       /* where it sticks on the obstacle, less p [m] */

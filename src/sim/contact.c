@@ -9,6 +9,7 @@
 #include "contact/tissue.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
+#include "fem/patch/patch.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
 
@@ -278,6 +279,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     const double pieces_go = data->falling ? pliant_falling_foresee(data) : 0;
     const pliant_body *body = NULL;
     const double *positions = NULL;
+    if (data->falling) pliant_contact_mark_pieces(model, data);
     status = gather_parts(model, data, 0);
     if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
     pliant_finder_tell(search->finder, &data->contacts);
@@ -367,12 +369,20 @@ bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
     return pliant_contact_turn(model, data) <= 1;
 }
 
-static bool has_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
+/* A piece that has been touched only now may get to the ground, too. */
+static void add_walls(pliant_data *data, pliant_contacts *points)
+{
+    const int32_t before = points->count;
+    if (!data->falling || pliant_falling_find_walls(data, points) != PLIANT_OK) return;
+    if (points->count > before) qsort(points->point, (size_t)points->count, sizeof *points->point, pliant_contact_compare);
+}
+
+bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    if (choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
+    if (!pliant_contact_may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
     const double way = pliant_contact_way(search->finder, positions);
     if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
     search->made.count = 0;
@@ -381,60 +391,59 @@ static bool has_passed(const pliant_model *model, pliant_data *data, const plian
     if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(start->points, start->points->count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    return take_in(data, start, &search->made) > 0;
+    if (take_in(data, start, &search->made) == 0) return false;
+    add_walls(data, start->points);
+    return true;
 }
 
-bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
+/* how deep a point is in a tool, over how deep that is there; 0: it is of something else */
+static double deep_in_tool(const pliant_data *data, const pliant_contact_point *point)
 {
-    if (!pliant_contact_may_pass(model, data)) return false;
-    if (data->falling) pliant_falling_ahead(data->falling, &data->contacts, data->positions);
-    const bool passed = has_passed(model, data, start);
-    if (data->falling) pliant_falling_stay(data->falling, data->positions); /* until the step places them */
-    return passed;
+    if (point->kind != PLIANT_OBSTACLE_TOOL) return 0;
+    return -gap_of(point, data->positions) / pliant_part_depth(data->tools[point->tool].shape.part + point->part);
 }
 
-/* In a tool, by more than this share of its depth */
-static bool is_deep(const pliant_data *data, const pliant_contact_point *point)
+double pliant_contact_deep_beside_patch(const pliant_data *data)
 {
-    const double share = 0.1;
-    return point->kind == PLIANT_OBSTACLE_TOOL && gap_of(point, data->positions) < -share * pliant_part_depth(data->tools[point->tool].shape.part + point->part);
+    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
+    double most = 0;
+    for (int32_t n = 0; n < data->contacts.count; n++) {
+        const pliant_contact_point *point = data->contacts.point + n;
+        if (!pliant_patch_holds(data, n) && !(pieces && pieces->of_node[point->node[0]] >= 0)) most = fmax(most, deep_in_tool(data, point));
+    }
+    return most;
 }
 
-bool pliant_contact_is_deep(const pliant_data *data)
-{
-    bool any = false;
-    for (int32_t n = 0; n < data->contacts.count && !any; n++) any = is_deep(data, data->contacts.point + n);
-    return any;
-}
-
-/* Whether the point's piece is pressed against something else, too: it has no way out then. */
+/* Whether something else presses the point's piece against it, with more than a tenth of its force: there is no way out then. */
 static bool is_squeezed(const pliant_data *data, const int32_t *piece, const pliant_contact_point *point)
 {
-    bool any = false;
-    for (int32_t n = 0; n < data->contacts.count && !any; n++) {
+    const double share = 0.1;
+    double against = 0;
+    for (int32_t n = 0; n < data->contacts.count; n++) {
         const pliant_contact_point *other = data->contacts.point + n;
+        double weight = 0;
         if (other->kind == point->kind && other->tool == point->tool && other->part == point->part) continue;
-        for (int32_t k = 0; k < other->count && dot(other->force, other->force) > 0; k++) any = any || piece[other->node[k]] == piece[point->node[0]];
+        for (int32_t k = 0; k < other->count; k++) weight += piece[other->node[k]] == piece[point->node[0]] ? other->weight[k] : 0;
+        against -= fmin(weight * dot(other->force, point->normal), 0);
     }
-    return any;
+    return against > share * dot(point->force, point->normal);
 }
 
 bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start *start)
 {
-    const double firmer = 16;
-    const int32_t *piece = data->falling ? pliant_falling_touch_pieces(data->falling)->of_node : NULL;
+    const double share = 0.1, firmer = 16, firmest = 65535;
+    const pliant_touch_pieces *pieces = pliant_falling_touch_pieces(data->falling);
     bool any = false;
-    if (!piece) return false;
-    pliant_falling_ahead(data->falling, &data->contacts, data->positions);
-    for (int32_t n = 0; n < data->contacts.count; n++) {
+    for (int32_t n = 0; n < data->contacts.count && pieces; n++) {
         const pliant_contact_point *point = data->contacts.point + n;
-        if (piece[point->node[0]] < 0 || !is_deep(data, point) || is_squeezed(data, piece, point)) continue;
+        const int32_t piece = pieces->of_node[point->node[0]];
+        if (piece < 0 || !(point->area > 0 && pieces->piece[piece].young > 0) || !pliant_falling_lies_free(data->falling, piece)) continue;
+        if (!(deep_in_tool(data, point) > share) || is_squeezed(data, pieces->of_node, point)) continue;
         pliant_contact_point *begun = bsearch(point, start->points->point, (size_t)start->points->count, sizeof *point, pliant_contact_compare);
-        if (!begun) continue;
+        if (!begun || !(begun->firm < firmest)) continue;
         begun->firm = firmer * (1 + begun->firm) - 1;
         any = true;
     }
-    pliant_falling_stay(data->falling, data->positions); /* until the step places them */
     return any;
 }
 

@@ -18,14 +18,14 @@ typedef struct pliant_contact_start {
     const double *positions; /* (fine nodes x 3) [m] */
     pliant_contacts *points; /* of the same features as the simulation's, with forces and anchors of then */
 } pliant_contact_start;
-/* A quasi-static step is solved, and its positions are the host's: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points in `start` now, with which it is
+/* A quasi-static step is solved, and its positions are the host's, those of pieces where its forces take them: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points in `start` now, with which it is
  * solved again. Without memory for it: false. */
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start);
 /* The most that a tool with a shape turns in the step, of what can be followed; one that has jumped turns nothing on its way. */
 double pliant_contact_turn(const pliant_model *model, const pliant_data *data);
-/* Whether the tissue is in a tool by more than a tenth of that's depth at a point that the solve knew of: a patch has moved it since. */
-bool pliant_contact_is_deep(const pliant_data *data);
-/* The same of a piece that has come off, which gave way there, or turned by more than the solve foresaw: in `start` it gives way less now, and its turn is known. */
+/* Over points that the coarse model has to hold beside patches, the most of how deep one is in a tool, over how deep that is. */
+double pliant_contact_deep_beside_patch(const pliant_data *data);
+/* Whether a piece that has come off, and lies free, is in a tool by more than a tenth of that's depth, with pieces where the forces of now take them: in `start` it gives way less there now. */
 bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start *start);
 /* It is solved again from where it has ended: what begins to touch sticks where it is now. */
 void pliant_contact_goes_on_from_here(pliant_data *data);
@@ -70,8 +70,10 @@ void pliant_contact_pose(const pliant_tool *end, double share, double tip[3], do
 void pliant_contact_go(const pliant_model *model, const pliant_tool *end, double share, pliant_tool *tool);
 /* How far no point of a tool's part goes beyond in this step [m] */
 double pliant_contact_way_of(const pliant_tool *tool, const pliant_part *part);
-/* Whether any tool with a shape goes further in this step than half of an element, or, where there is one, a piece that has come off. */
+/* Whether any tool with a shape goes further in this step than half of an element, or a piece that may meet one. */
 bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data);
+/* Which pieces that have come off may meet a tool with a shape in this step, once it is foreseen how far they go. */
+void pliant_contact_mark_pieces(const pliant_model *model, pliant_data *data);
 /* The scene's obstacles, but for shapes. @return how many */
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
 /* Whether anything that tissue can get by pressed as the last step ended. */

@@ -38,16 +38,50 @@ double pliant_contact_way_of(const pliant_tool *tool, const pliant_part *part)
            pliant_rotation_angle(tool->last.rotation, tool->rotation) * pliant_part_reach(part, origin);
 }
 
+/* A tool with a shape comes so near to a point in the step [m] */
+static bool comes_near(const pliant_model *model, const pliant_tool *tool, const double point[3], double near)
+{
+    bool any = false;
+    for (int32_t p = 0; tool->present && p < tool->shape.num_parts && !any; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        pliant_pose pose;
+        double local[3], normal[3];
+        pliant_part_pose(&tool->shape, part->frame, tool->tip, tool->rotation, tool->jaw, &pose);
+        pliant_pose_from(&pose, point, local);
+        any = pliant_part_distance(part, local, normal) < near + PLIANT_CONTACT_MARGIN + (pliant_contact_goes_on(model, tool) ? pliant_contact_way_of(tool, part) : 0);
+    }
+    return any;
+}
+
+static bool piece_meets_tools(const pliant_model *model, const pliant_data *data, const double centre[3], double radius)
+{
+    bool any = false;
+    for (int t = 0; t < data->num_tools && !any; t++) any = comes_near(model, data->tools + t, centre, radius);
+    return any;
+}
+
+void pliant_contact_mark_pieces(const pliant_model *model, pliant_data *data)
+{
+    for (int32_t p = 0; p < data->body->pieces->count; p++) {
+        double centre[3], radius;
+        const double goes = pliant_falling_ball(data->falling, p, false, centre, &radius);
+        pliant_falling_mark(data->falling, p, goes > 0 && piece_meets_tools(model, data, centre, radius));
+    }
+}
+
 bool pliant_contact_goes_far(const pliant_model *model, const pliant_data *data)
 {
     const double *cell = data->body->fine.cell_size, far = 0.5 * fmax(fmax(cell[0], cell[1]), cell[2]);
-    bool any = false, has_shape = false;
+    bool any = false;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
-        has_shape = has_shape || (tool->present && tool->shape.num_parts > 0);
         for (int32_t p = 0; p < tool->shape.num_parts && !any && pliant_contact_goes_on(model, tool); p++) any = pliant_contact_way_of(tool, tool->shape.part + p) > far;
     }
-    return any || (has_shape && data->falling && pliant_falling_goes(data->falling) > far);
+    for (int32_t p = 0; data->falling && p < data->body->pieces->count && !any; p++) {
+        double centre[3], radius;
+        any = pliant_falling_ball(data->falling, p, true, centre, &radius) > far && piece_meets_tools(model, data, centre, radius);
+    }
+    return any;
 }
 
 /* ---- what stands still */

@@ -160,13 +160,15 @@ static pliant_status add_patch(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-/* The host's positions are those that a solve led to. */
+/* The host's positions are those that a solve led to; pieces stay where they were. */
 static pliant_status bring(const pliant_model *model, pliant_data *data, bool upsamples)
 {
     const double start = pliant_seconds();
     pliant_status status = upsamples ? data->backend->upsample(model, data) : PLIANT_OK;
     if (status >= 0 && data->backend->bring) status = data->backend->bring(model, data);
     data->statistics.seconds[PLIANT_STEP_upsample] += pliant_seconds() - start;
+    if (status >= 0 && pliant_patch_serves(data) > 0) status = add_patch(model, data);
+    if (data->falling) pliant_falling_stay(data->falling, data->positions);
     return status;
 }
 
@@ -176,31 +178,43 @@ static void take_no_more(pliant_data *data)
     if (data->background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
 }
 
-/* With what a patch makes of them; pieces stay where they were. Points that the coarse model holds are moved by the patch after that: where one is deep in a tool then, both take turns
- * (alternating Schwarz method), from where they are. */
-static pliant_status place(const pliant_model *model, pliant_data *data, bool upsamples)
+/* Points that the coarse model holds are moved by the patch after that: where one is deep in a tool then, both take turns (alternating Schwarz method), from where they are, as long as
+ * that helps. Where a turn fails, all is as it was before. */
+static pliant_status take_turns(const pliant_model *model, pliant_data *data, pliant_status status)
 {
-    enum { MOST_TURNS = 8 };
-    pliant_status status = bring(model, data, upsamples);
-    if (status >= 0 && pliant_patch_serves(data) > 0) status = add_patch(model, data);
-    for (int turn = 0; turn < MOST_TURNS && status >= 0 && pliant_patch_serves(data) > 0 && pliant_contact_is_deep(data) && pliant_solver_has_time(data->solver); turn++) {
+    const double deep = 0.1, helps = 0.9;
+    const int most = data->solver->budget > 0 ? 2 : 8;
+    double now = pliant_contact_deep_beside_patch(data), before = INFINITY;
+    for (int turn = 0; turn < most && now > deep && now < helps * before && pliant_solver_has_time(data->solver) && pliant_substeps_here(model, data); turn++) {
         take_no_more(data);
         pliant_contact_goes_on_from_here(data);
-        const pliant_status solved = solve_more(model, data);
-        if (solved == PLIANT_ERROR_MEMORY || solved == PLIANT_ERROR_NUMERIC) break; /* it is where it was */
-        status = solved >= 0 ? bring(model, data, true) : solved;
-        if (status >= 0) status = add_patch(model, data);
-        if (status == PLIANT_OK) status = solved;
+        const pliant_status solved = solve_more(model, data), placed = solved >= 0 ? bring(model, data, true) : solved;
+        const bool failed = placed == PLIANT_ERROR_MEMORY || placed == PLIANT_ERROR_NUMERIC;
+        if (placed < 0 && !failed) return placed;
+        before = now;
+        now = failed ? INFINITY : pliant_contact_deep_beside_patch(data);
+        if (now < before) status = placed == PLIANT_OK ? solved : placed;
+        else if (pliant_substeps_forward(model, data) < 0) return PLIANT_ERROR_UNAVAILABLE;
     }
-    if (data->falling) pliant_falling_stay(data->falling, data->positions);
     return status;
 }
 
-/* Whether tissue has gone by a tool, or a piece has let one in that goes far: there is more to solve it with now. */
+/* With what a patch makes of it. */
+static pliant_status place(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, bool upsamples)
+{
+    const pliant_status status = bring(model, data, upsamples);
+    return status >= 0 && parts->kept && pliant_patch_serves(data) > 0 ? take_turns(model, data, status) : status;
+}
+
+/* Whether tissue has gone by a tool, or a piece has let one in that goes far, or has turned by more than it was solved for: there is more to solve it with now. */
 static bool gets_by(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, const pliant_contact_start *begun)
 {
+    const double as_foreseen = 1e-4; /* [m] */
+    const double bent = data->falling ? pliant_falling_ahead(data->falling, &data->contacts, data->positions) : 0;
     const bool passed = pliant_contact_passed(model, data, begun);
-    return (parts->most > 1 && pliant_contact_piece_is_deep(data, begun)) || passed;
+    const bool deep = data->falling && parts->most > 1 && pliant_contact_piece_is_deep(data, begun);
+    if (data->falling) pliant_falling_stay(data->falling, data->positions); /* until the step places them */
+    return passed || deep || (parts->most > 1 && bent > as_foreseen);
 }
 
 /* Whether what a step was solved again to is no good, and it can be taken in more parts than it is. */
@@ -223,7 +237,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     const bool may_pass = pliant_contact_may_pass(model, data);
     parts->patched = false;
     if (!may_pass && parts->at == parts->count) return first;
-    pliant_status status = place(model, data, false); /* the next part begins there, too */
+    pliant_status status = place(model, data, parts, false); /* the next part begins there, too */
     if (status < 0) return status;
     parts->patched = pliant_patch_serves(data) > 0;
     if (status == PLIANT_OK) status = first;
@@ -235,7 +249,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
         if (!kept) pliant_contact_goes_on_from_here(data);
         else if ((status = pliant_substeps_back(model, data)) < 0) break;
         status = solve_more(model, data);
-        const pliant_status placed = status >= 0 ? place(model, data, true) : PLIANT_OK;
+        const pliant_status placed = status >= 0 ? place(model, data, parts, true) : PLIANT_OK;
         if (placed != PLIANT_OK) status = placed;
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
             const pliant_status there = kept ? pliant_substeps_forward(model, data) : PLIANT_OK;

@@ -16,7 +16,7 @@ enum { MOST = 16 };
 typedef struct placed {
     int32_t room_nodes, room_solved;
     double *positions, *solved; /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
-    double force[PLIANT_MAX_TOOLS][3]; /* of their handles [N] */
+    double force[PLIANT_MAX_TOOLS][3], origin[PLIANT_MAX_TOOLS][3]; /* of their handles [N]; of the model's, what they hold that is fixed, or of a piece [m] */
     pliant_contacts points;
 } placed;
 
@@ -47,6 +47,7 @@ static pliant_handle *handle_of(const pliant_data *data, int tool) { return plia
 static void copy(const pliant_data *data, const placed *from, placed *to)
 {
     memcpy(to->force, from->force, sizeof to->force);
+    memcpy(to->origin, from->origin, sizeof to->origin);
     memcpy(to->positions, from->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *to->positions);
     memcpy(to->solved, from->solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *to->solved);
 }
@@ -66,7 +67,10 @@ static void take(const pliant_model *model, pliant_data *data, placed *out)
 {
     if (data->backend->download) data->backend->download(model, data);
     placed now = {.positions = data->positions, .solved = data->solver->now.x};
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(now.force[t], handle_of(data, t)->force, sizeof now.force[t]);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        memcpy(now.force[t], handle_of(data, t)->force, sizeof now.force[t]);
+        memcpy(now.origin[t], data->solver->handles[t].origin, sizeof now.origin[t]);
+    }
     copy(data, &now, out);
     fix_pieces(data, out->solved);
 }
@@ -78,7 +82,10 @@ static pliant_status put(const pliant_model *model, pliant_data *data, const pla
     const pliant_even even = solver->even;
     placed now = {.positions = data->positions, .solved = solver->now.x};
     copy(data, at, &now);
-    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(handle_of(data, t)->force, now.force[t], sizeof now.force[t]);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        memcpy(handle_of(data, t)->force, now.force[t], sizeof now.force[t]);
+        memcpy(data->solver->handles[t].origin, now.origin[t], sizeof now.origin[t]);
+    }
     pliant_solver_moved(solver);
     (void)pliant_solver_touch(solver, NULL, NULL, NULL); /* those of where it was */
     if (pliant_patch_serves(data) > 0) pliant_patch_moved(data, data->step_begin->positions);
@@ -209,6 +216,14 @@ pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data)
     pliant_contacts_exchange(&data->contacts, &begin->last.points);
     (void)pliant_contacts_copy(&begin->part.points, &data->contacts); /* there is room */
     return put(model, data, &begin->part);
+}
+
+bool pliant_substeps_here(const pliant_model *model, pliant_data *data)
+{
+    placed *last = &data->step_begin->last;
+    if (!reserve_placed(data, last) || pliant_contacts_copy(&data->contacts, &last->points) != PLIANT_OK) return false;
+    take(model, data, last);
+    return true;
 }
 
 pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data)

@@ -36,6 +36,8 @@ bool pliant_substeps_can_go_back(pliant_data *data);
  * Errors: of a backend that cannot go on from there. */
 pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data);
 pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data);
+/* Of what is kept: pliant_substeps_forward returns to where nodes and points are now. false: there is no memory for it */
+bool pliant_substeps_here(const pliant_model *model, pliant_data *data);
 /* The step has failed: as it began, and tools are where they were set, where all that it began with is kept; needs no memory. */
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts);
 /* Whether elements are inside out that were not as the step began, which is kept. */

@@ -4,6 +4,8 @@
 #include "state/data.h"
 #include "pliant/memory.h"
 
+#include <atomic>
+
 namespace {
 
 const int size[3] = {24, 24, 24};

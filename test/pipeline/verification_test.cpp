@@ -478,8 +478,15 @@ VectorXd explicit_bar(const MatrixXd &cube, const Support &support, double edge,
         else free.push_back(i);
     }
     right -= k * u;
-    const VectorXd found = MatrixXd(k(free, free)).ldlt().solve(VectorXd(right(free)));
-    for (size_t i = 0; i < free.size(); i++) u[free[i]] = found[static_cast<Eigen::Index>(i)];
+    const Eigen::Index count = static_cast<Eigen::Index>(free.size());
+    MatrixXd inner(count, count); // by hand: Eigen 3.3 takes no lists of indices
+    VectorXd pull(count);
+    for (Eigen::Index i = 0; i < count; i++) {
+        pull[i] = right[free[i]];
+        for (Eigen::Index j = 0; j < count; j++) inner(i, j) = k(free[i], free[j]);
+    }
+    const VectorXd found = inner.ldlt().solve(pull);
+    for (Eigen::Index i = 0; i < count; i++) u[free[i]] = found[i];
     return u;
 }
 

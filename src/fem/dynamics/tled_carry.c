@@ -165,7 +165,7 @@ static double keep_momentum(pliant_tled *tled, const side *was, const side *now)
     if (after.mass * norm_of(a) <= rounding * before.size[0] && norm_of(spin) <= rounding * before.size[1]) return after.kinetic - before.kinetic;
     spin_of(after.inertia, spin, w);
     change(tled, now, false, after.centre, a, w, 1, 1);
-    memset(after.momentum, 0, sizeof after - offsetof(motion, momentum));
+    after = (motion){.mass = after.mass, .centre = {after.centre[0], after.centre[1], after.centre[2]}};
     find_motion(now, false, &after);
     return after.kinetic - before.kinetic;
 }

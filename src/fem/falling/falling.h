@@ -38,12 +38,17 @@ bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *c
 /* As foreseen; NULL: explicit dynamics moves them. */
 const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling);
 
-/* How far any node of them goes in a step of the scene, as fast as it is, at most [m] */
-double pliant_falling_goes(const pliant_falling *falling);
+/* A ball that a piece does not leave in a step: as foreseen, or, with `now`, as fast as it is. @return how far any node of it goes [m]; 0: it rests, or there is no such piece any more */
+double pliant_falling_ball(const pliant_falling *falling, int32_t piece, bool now, double centre[3], double *radius);
+/* Whether it may meet a tool in this step: it is followed, then. */
+void pliant_falling_mark(pliant_falling *falling, int32_t piece, bool meets);
+/* Whether no tool holds it, and it hangs on nothing. */
+bool pliant_falling_lies_free(const pliant_falling *falling, int32_t piece);
 /* Amid a step: their nodes are where it found them. Explicit dynamics moves them itself. */
 void pliant_falling_stay(const pliant_falling *falling, double *positions);
-/* Or where the forces of contacts lead them, as far as is known before the step ends; points of them are solved for around that from now on. */
-void pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions);
+/* Or, of those that touch something or may meet a tool, where the forces of contacts take them, as far as is known before the step ends: points of them are solved for around that from now
+ * on. @return how far off a node is by what they were solved around before [m] */
+double pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions);
 /* They are there, and do not move. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
 

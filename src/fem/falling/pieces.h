@@ -16,6 +16,8 @@ typedef struct piece {
     bool rests, gone;                /* until something pulls at it; the latter: where nobody sees it */
     bool shaped;                     /* has its shape at rest */
     bool touched;                    /* is near something in this step */
+    bool meets;                      /* may meet a tool in it */
+    bool walled;                     /* its points on walls are among those of the step */
     double way;                      /* that its nodes go in this step at most, if nothing touches it [m] */
 } piece;
 

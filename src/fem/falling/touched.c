@@ -92,20 +92,32 @@ static double farthest_of(const pliant_falling *falling, int32_t p, const double
     return sqrt(go[0] * go[0] + go[1] * go[1] + go[2] * go[2]) + sqrt(reach * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]));
 }
 
-double pliant_falling_goes(const pliant_falling *falling)
+double pliant_falling_ball(const pliant_falling *falling, int32_t p, bool now, double centre[3], double *radius)
 {
-    double farthest = 0;
-    for (int32_t p = 0; p < falling->body->pieces->count && !falling->body->has_inertia; p++) {
-        const piece *at = falling->pieces + p;
-        pliant_rigid body;
-        double spin[3];
-        if (at->rests || at->gone) continue;
-        pliant_falling_rigid(falling, p, &body);
-        if (!(body.mass > 0)) continue;
-        pliant_rigid_spin(&body, spin);
-        farthest = fmax(farthest, falling->whole * farthest_of(falling, p, body.centre, body.velocity, spin));
-    }
-    return farthest;
+    const piece *at = falling->pieces + p;
+    const double still[3] = {0, 0, 0};
+    double spin[3];
+    pliant_rigid body;
+    if (falling->body->has_inertia || at->gone || (now && at->rests)) return 0;
+    pliant_falling_rigid(falling, p, &body);
+    if (!(body.mass > 0)) return 0;
+    pliant_rigid_spin(&body, spin);
+    const double goes = now ? falling->whole * farthest_of(falling, p, body.centre, body.velocity, spin) : at->way;
+    const double turned[3] = {1, 0, 0};
+    memcpy(centre, body.centre, sizeof body.centre);
+    *radius = farthest_of(falling, p, body.centre, still, turned) + goes;
+    return goes;
+}
+
+void pliant_falling_mark(pliant_falling *falling, int32_t p, bool meets) { falling->pieces[p].meets = meets; }
+
+bool pliant_falling_lies_free(const pliant_falling *falling, int32_t p)
+{
+    const pliant_pieces *pieces = falling->body->pieces;
+    bool free = true;
+    for (int g = 0; g < falling->num_grips; g++) free = free && falling->grips[g].piece != p;
+    for (int32_t j = 0; j < pieces->num_joints; j++) free = free && falling->piece_of[falling->place[pieces->joint[2 * j]]] != p;
+    return free;
 }
 
 double pliant_falling_foresee(pliant_data *data)
@@ -122,6 +134,7 @@ double pliant_falling_foresee(pliant_data *data)
         pliant_rigid_pull pulls[PLIANT_RIGID_PULLS];
         grip *grips[PLIANT_MAX_TOOLS];
         pliant_falling_rigid(falling, p, &body);
+        at->walled = at->meets = false;
         const int num_grips = pliant_falling_grips(falling, p, grips);
         if (!(body.mass > 0) || (at->gone && num_grips == 0)) { /* as what is fixed */
             *touch = (pliant_touch_piece){.young = touch->young};
@@ -206,7 +219,7 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
         for (int32_t p = 0; p < pieces->count; p++) {
             const pliant_wall *wall = falling->walls + w;
             int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1];
-            const int count = falling->pieces[p].touched ? choose_nodes(falling, p, wall, pushed, chosen) : 0;
+            const int count = falling->pieces[p].touched && !falling->pieces[p].walled ? choose_nodes(falling, p, wall, pushed, chosen) : 0;
             pliant_status status = count > 0 ? pliant_contacts_reserve(contacts, contacts->count + count) : PLIANT_OK;
             if (status != PLIANT_OK) return status;
             for (int c = 0; c < count; c++) {
@@ -221,6 +234,7 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
                 for (int d = 0; d < 3; d++) point->place[d] = x[d] - gap * wall->normal[d];
             }
         }
+    for (int32_t p = 0; p < pieces->count; p++) falling->pieces[p].walled = falling->pieces[p].touched;
     return PLIANT_OK;
 }
 
@@ -272,15 +286,18 @@ void pliant_falling_move_touched(const pliant_falling *falling, const pliant_dat
     }
 }
 
-void pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions)
+double pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions)
 {
     const double still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     const pliant_pieces *pieces = falling->body->pieces;
+    double most = 0;
     (void)pliant_falling_is_touched(falling, contacts);
     for (int32_t p = 0; p < pieces->count && !falling->body->has_inertia; p++) {
+        const piece *at = falling->pieces + p;
         const double *centre = falling->touch[p].centre;
-        double *moved = falling->touch[p].ahead, rotation[9];
-        if (!falling->pieces[p].touched && (falling->pieces[p].rests || falling->pieces[p].gone)) continue;
+        double *moved = falling->touch[p].ahead, before[6], rotation[9], turned = 0, differs = 0;
+        if (!at->touched && (!at->meets || at->rests || at->gone)) continue;
+        memcpy(before, moved, sizeof before);
         moved_by(falling, contacts, p, moved);
         pliant_rigid_turn(moved + 3, still, rotation);
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
@@ -289,5 +306,12 @@ void pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contac
                 positions[3 * (size_t)pieces->node[i] + (size_t)r] =
                     centre[r] + moved[r] + rotation[3 * r] * arm[0] + rotation[3 * r + 1] * arm[1] + rotation[3 * r + 2] * arm[2];
         }
+        for (int d = 3; d < 6; d++) {
+            turned = fmax(turned, fmax(fabs(before[d]), fabs(moved[d])));
+            differs = fmax(differs, fabs(moved[d] - before[d]));
+        }
+        const double about[3] = {turned * differs, 0, 0}, nowhere[3] = {0, 0, 0}; /* what a turn adds beyond the first order goes by its square */
+        if (at->touched) most = fmax(most, farthest_of(falling, p, centre, nowhere, about));
     }
+    return most;
 }

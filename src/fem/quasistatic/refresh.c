@@ -7,7 +7,7 @@
  *
  * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their sources. What is being
  * made for a body when the next one comes is of use all the same: it becomes the base of what is carried over (carried.h). The thread
- * reads what it began with, which is retained; no step waits for it. */
+ * reads what it began with, which is retained; no step waits for it, but one without a budget that is stuck. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -363,11 +363,17 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     return PLIANT_OK;
 }
 
+/* Where what is in use is carried over from a body before: whether its own is on its way since an earlier step, and a step may take as long as that does. */
+static bool waits_for_its_own(const pliant_solver *solver, uint64_t step)
+{
+    const pliant_refresh *refresh = solver->refresh;
+    return !(solver->budget > 0) && refresh && refresh->running && !refresh->source && refresh->started < step;
+}
+
 pliant_status pliant_refresh_now(pliant_solver *solver, pliant_statistics *statistics, bool *made)
 {
     *made = false;
-    /* carried over: its own is on its way, and is waited for where the body is not new in this step */
-    if (pliant_preconditioner_base(solver->preconditioner) && !(solver->refresh && solver->refresh->running && solver->refresh->started < statistics->step)) return PLIANT_OK;
+    if (pliant_preconditioner_base(solver->preconditioner) && !waits_for_its_own(solver, statistics->step)) return PLIANT_OK;
     if (!solver->refresh) {
         pliant_status status = refresh_create(solver);
         if (status != PLIANT_OK) return status;
