@@ -414,19 +414,21 @@ double pliant_contact_deep_beside_patch(const pliant_data *data)
     return most;
 }
 
-/* Whether something else presses the point's piece against it, with more than a tenth of its force: there is no way out then. */
+/* Whether something else presses the point's piece against the tool's part, with more than half of what that presses it with: there is no way out then. */
 static bool is_squeezed(const pliant_data *data, const int32_t *piece, const pliant_contact_point *point)
 {
-    const double share = 0.1;
-    double against = 0;
+    const double share = 0.5;
+    double against = 0, with = 0;
     for (int32_t n = 0; n < data->contacts.count; n++) {
         const pliant_contact_point *other = data->contacts.point + n;
+        const bool same = other->kind == point->kind && other->tool == point->tool && other->part == point->part;
         double weight = 0;
-        if (other->kind == point->kind && other->tool == point->tool && other->part == point->part) continue;
         for (int32_t k = 0; k < other->count; k++) weight += piece[other->node[k]] == piece[point->node[0]] ? other->weight[k] : 0;
-        against -= fmin(weight * dot(other->force, point->normal), 0);
+        const double pushes = weight * dot(other->force, point->normal);
+        if (same) with += pushes;
+        else against -= fmin(pushes, 0);
     }
-    return against > share * dot(point->force, point->normal);
+    return against > 0 && against > share * with;
 }
 
 bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start *start)
