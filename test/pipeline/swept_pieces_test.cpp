@@ -1,6 +1,7 @@
 // Nothing passes at 1 m/s through what a cut has taken off, either: it is rigid beside quasi-static solvers, and is pushed along.
 #include "sweeps.h"
 
+#include "fem/falling/falling.h"
 #include "pliant/memory.h"
 
 #include <algorithm>
@@ -156,6 +157,44 @@ TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
         }
         EXPECT_GT(failed, 0);
         EXPECT_TRUE(is_held || parts > 1);
+    }
+}
+
+// What a step begins with is all that a piece goes on with: of one that flies and turns, and of one that a tool pulls.
+TEST(SweptPieces, GoOnFromWhatIsKept)
+{
+    Sweeps sweeps;
+    const Way on = through_the_piece(sweeps.at(29));
+    for (const bool is_held : {false, true}) {
+        Piece piece(on.friction);
+        Sheet &sheet = *piece.sheet;
+        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
+        const double rest[3] = {0.024, 0.003, 0.002}, held[3] = {0.024, -0.197, 0.002};
+        const int grip = sheet.add("grip", pliant_tool_shape{}, held[0], held[1], held[2]);
+        if (is_held) ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, grip, rest), PLIANT_OK) << pliant_last_error();
+        for (int step = 0; step < on.steps() + 1; step++) {
+            move(sheet, tool, on, step);
+            sheet.move(grip, held[0], held[1], held[2] + 0.001 * step);
+            ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        }
+        sheet.move(tool, 0, 0.3, 0); // out of its way
+        pliant_data *reference = nullptr;
+        pliant_falling_kept *kept = nullptr;
+        ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &reference), PLIANT_OK);
+        ASSERT_EQ(pliant_falling_keep(sheet.data->falling, &kept), PLIANT_OK);
+        for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
+        const double gone = piece.way();
+        pliant_falling_back(kept, sheet.data->falling);
+        pliant_falling_stay(sheet.data->falling, sheet.data->positions);
+        pliant_falling_kept_free(kept);
+        for (pliant_data *data : {sheet.data, reference})
+            for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(sheet.model, data), 0);
+        const pliant_pieces *pieces = sheet.data->body->pieces;
+        for (int32_t i = 0; i < pieces->start[1]; i++)
+            for (int d = 0; d < 3; d++) EXPECT_NEAR(sheet.data->positions[3 * pieces->node[i] + d], reference->positions[3 * pieces->node[i] + d], 1e-9); // a copy is so to rounding
+        EXPECT_GT(gone, 0.01);
+        EXPECT_NEAR(piece.way(), gone, 1e-9);
+        pliant_data_free(reference);
     }
 }
 
