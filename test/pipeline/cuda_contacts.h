@@ -388,10 +388,10 @@ struct Drop : Body {
         if (status == PLIANT_OK && presses) status = pliant_tool_add(model, data, "ball", &tool);
         return status == PLIANT_OK && presses ? pliant_tool_set_shape(data, tool, &ball) : status;
     }
-    // lands, and is pressed by 2 mm then
+    // lands, and is pressed then
     void move(int s)
     {
-        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::max(0, std::min(s - 20, 20))};
+        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.00025 * std::max(0, std::min(s - 20, 20))};
         if (presses) EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
     }
     const bool presses;
