@@ -185,7 +185,7 @@ static pliant_status take_turns(const pliant_model *model, pliant_data *data, pl
     const double deep = 0.1, helps = 0.9;
     const int most = data->solver->budget > 0 ? 2 : 8;
     double now = pliant_contact_deep_beside_patch(data), before = INFINITY;
-    for (int turn = 0; turn < most && now > deep && now < helps * before && pliant_solver_has_time(data->solver) && pliant_substeps_here(model, data); turn++) {
+    for (int turn = 0; turn < most && now > deep && now < helps * before && pliant_solver_has_time(data->solver) && pliant_substeps_here(model, data, PLIANT_ENDED_LAST); turn++) {
         take_no_more(data);
         pliant_contact_goes_on_from_here(data);
         const pliant_status solved = solve_more(model, data), placed = solved >= 0 ? bring(model, data, true) : solved;
@@ -194,7 +194,7 @@ static pliant_status take_turns(const pliant_model *model, pliant_data *data, pl
         before = now;
         now = failed ? INFINITY : pliant_contact_deep_beside_patch(data);
         if (now < before) status = placed == PLIANT_OK ? solved : placed;
-        else if (pliant_substeps_forward(model, data) < 0) return PLIANT_ERROR_UNAVAILABLE;
+        else if (pliant_substeps_there(model, data, PLIANT_ENDED_LAST) < 0) return PLIANT_ERROR_UNAVAILABLE;
     }
     return status;
 }
@@ -234,6 +234,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     const bool kept = parts->kept;
     const pliant_contact_start begun = pliant_substeps_start(data, parts);
     int again = 0;
+    bool well = false;
     const bool may_pass = pliant_contact_may_pass(model, data);
     parts->patched = false;
     if (!may_pass && parts->at == parts->count) return first;
@@ -246,18 +247,21 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && gets_by(model, data, parts, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
+        if (kept && status == PLIANT_OK) well = pliant_substeps_here(model, data, PLIANT_ENDED_WELL);
         if (!kept) pliant_contact_goes_on_from_here(data);
         else if ((status = pliant_substeps_back(model, data)) < 0) break;
         status = solve_more(model, data);
         const pliant_status placed = status >= 0 ? place(model, data, parts, true) : PLIANT_OK;
         if (placed != PLIANT_OK) status = placed;
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
-            const pliant_status there = kept ? pliant_substeps_forward(model, data) : PLIANT_OK;
+            const pliant_status there = kept ? pliant_substeps_there(model, data, PLIANT_ENDED_LAST) : PLIANT_OK;
             status = there < 0 ? there : first;
             break;
         }
     }
     *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
+    /* gone astray for good: what it was solved to before lets some tissue in, and is in one piece */
+    if (well && status == PLIANT_NOT_CONVERGED && !*wrong && gets_by(model, data, parts, &begun)) status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
     return status;
 }
 

@@ -18,11 +18,13 @@ typedef struct placed {
     double *positions, *solved; /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
     double force[PLIANT_MAX_TOOLS][3], origin[PLIANT_MAX_TOOLS][3]; /* of their handles [N]; of the model's, what they hold that is fixed, or of a piece [m] */
     pliant_contacts points;
+    pliant_statistics told;     /* of the solve that has ended there */
 } placed;
 
 /* What a step began with, of the stages from contact to upsample. */
 struct pliant_step_begin {
-    placed part, last;               /* as the solve of the step, or of the part that it is at, began, and as it ended last */
+    placed part;                     /* as the solve of the step, or of the part that it is at, began */
+    placed ended[PLIANT_ENDS];       /* as it has ended */
     const double *positions;         /* of the fine mesh, as the step began [m] */
     placed step;                     /* as the step began, and all that follows, of one that may be taken in parts; without points */
     pliant_contact_kept contact;
@@ -203,33 +205,49 @@ pliant_contact_start pliant_substeps_start(pliant_data *data, const pliant_subst
     return (pliant_contact_start){.positions = data->step_begin->part.positions, .points = &data->step_begin->part.points};
 }
 
+/* false: there is no memory for it */
+static bool reserve_end(const pliant_data *data, placed *end, int32_t points)
+{
+    return reserve_placed(data, end) && pliant_contacts_reserve(&end->points, points) == PLIANT_OK;
+}
+
+bool pliant_substeps_here(const pliant_model *model, pliant_data *data, pliant_substeps_end which)
+{
+    placed *end = data->step_begin->ended + which;
+    if (!reserve_end(data, end, data->contacts.count) || pliant_contacts_copy(&data->contacts, &end->points) != PLIANT_OK) return false;
+    take(model, data, end);
+    end->told = data->statistics;
+    return true;
+}
+
+pliant_status pliant_substeps_there(const pliant_model *model, pliant_data *data, pliant_substeps_end which)
+{
+    const pliant_statistics *told = &data->step_begin->ended[which].told;
+    pliant_statistics *statistics = &data->statistics;
+    statistics->error = told->error;
+    statistics->error_before = told->error_before;
+    statistics->residual = told->residual;
+    statistics->residual_force = told->residual_force;
+    statistics->penetration = told->penetration;
+    statistics->contacts = told->contacts;
+    pliant_contacts_exchange(&data->contacts, &data->step_begin->ended[which].points);
+    return put(model, data, data->step_begin->ended + which);
+}
+
 bool pliant_substeps_can_go_back(pliant_data *data)
 {
-    placed *last = &data->step_begin->last;
-    return reserve_placed(data, last) && pliant_contacts_reserve(&last->points, data->step_begin->part.points.count) == PLIANT_OK;
+    return reserve_end(data, data->step_begin->ended + PLIANT_ENDED_LAST, data->step_begin->part.points.count);
 }
 
 pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data)
 {
     struct pliant_step_begin *begin = data->step_begin;
-    take(model, data, &begin->last);
-    pliant_contacts_exchange(&data->contacts, &begin->last.points);
+    placed *last = begin->ended + PLIANT_ENDED_LAST;
+    take(model, data, last);
+    last->told = data->statistics;
+    pliant_contacts_exchange(&data->contacts, &last->points);
     (void)pliant_contacts_copy(&begin->part.points, &data->contacts); /* there is room */
     return put(model, data, &begin->part);
-}
-
-bool pliant_substeps_here(const pliant_model *model, pliant_data *data)
-{
-    placed *last = &data->step_begin->last;
-    if (!reserve_placed(data, last) || pliant_contacts_copy(&data->contacts, &last->points) != PLIANT_OK) return false;
-    take(model, data, last);
-    return true;
-}
-
-pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data)
-{
-    pliant_contacts_exchange(&data->contacts, &data->step_begin->last.points);
-    return put(model, data, &data->step_begin->last);
 }
 
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts)
@@ -263,10 +281,11 @@ bool pliant_substeps_turned(const pliant_data *data)
 void pliant_substeps_free(pliant_data *data)
 {
     if (!data->step_begin) return;
-    placed *const all[] = {&data->step_begin->part, &data->step_begin->last, &data->step_begin->step};
+    placed *const all[] = {&data->step_begin->part, &data->step_begin->step, data->step_begin->ended, data->step_begin->ended + 1};
+    _Static_assert(PLIANT_ENDS == 2, "all of them are freed");
     pliant_contact_kept_free(&data->step_begin->contact);
     pliant_falling_kept_free(data->step_begin->falling);
-    for (int n = 0; n < 3; n++) {
+    for (size_t n = 0; n < sizeof all / sizeof *all; n++) {
         pliant_free(all[n]->points.point);
         pliant_free(all[n]->positions);
         pliant_free(all[n]->solved);

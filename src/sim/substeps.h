@@ -32,12 +32,14 @@ pliant_status pliant_substeps_again(const pliant_model *model, pliant_data *data
 pliant_contact_start pliant_substeps_start(pliant_data *data, const pliant_substeps *parts);
 /* Of what is kept: whether there is memory for where it would have to return to. */
 bool pliant_substeps_can_go_back(pliant_data *data);
-/* Nodes and points to those of pliant_substeps_start, once that is asked; and to what they were before that, if it comes to nothing.
- * Errors: of a backend that cannot go on from there. */
+/* Nodes and points to those of pliant_substeps_start, once that is asked; they have ended last where they were. Errors: of a backend that cannot go on from there. */
 pliant_status pliant_substeps_back(const pliant_model *model, pliant_data *data);
-pliant_status pliant_substeps_forward(const pliant_model *model, pliant_data *data);
-/* Of what is kept: pliant_substeps_forward returns to where nodes and points are now. false: there is no memory for it */
-bool pliant_substeps_here(const pliant_model *model, pliant_data *data);
+/* Of what is kept: where a solve has ended. */
+typedef enum pliant_substeps_end { PLIANT_ENDED_LAST, PLIANT_ENDED_WELL, PLIANT_ENDS } pliant_substeps_end;
+/* It is where nodes and points are now. false: there is no memory for it */
+bool pliant_substeps_here(const pliant_model *model, pliant_data *data, pliant_substeps_end which);
+/* Nodes and points to it. Errors: as of pliant_substeps_back */
+pliant_status pliant_substeps_there(const pliant_model *model, pliant_data *data, pliant_substeps_end which);
 /* The step has failed: as it began, and tools are where they were set, where all that it began with is kept; needs no memory. */
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts);
 /* Whether elements are inside out that were not as the step began, which is kept. */

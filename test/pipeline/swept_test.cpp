@@ -92,7 +92,7 @@ TEST(Swept, ThoseThatOnceWentThroughDoNot)
 {
     const pliant_background_kind even = number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED;
     Sweeps sweeps;
-    for (const int n : {207, 378, 450, 529, 2230, 4922, 7070, 7249, 7264, 9216}) {
+    for (const int n : {207, 378, 450, 529, 2230, 3993, 4922, 7070, 7249, 7264, 9216}) {
         const Way on = sweeps.at(n);
         for (const pliant_background_kind background : {PLIANT_BACKGROUND_PLANNED, even}) {
             const Swept swept = sweep(on, {0, background});
