@@ -234,6 +234,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     const bool kept = parts->kept;
     const pliant_contact_start begun = pliant_substeps_start(data, parts);
     int again = 0;
+    int32_t turned = 0;
     bool well = false;
     const bool may_pass = pliant_contact_may_pass(model, data);
     parts->patched = false;
@@ -247,7 +248,11 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && gets_by(model, data, parts, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
-        if (kept && status == PLIANT_OK) well = pliant_substeps_here(model, data, PLIANT_ENDED_WELL);
+        const int32_t turn = kept && status == PLIANT_OK ? pliant_substeps_turn_over(data) : INT32_MAX;
+        if (turn < INT32_MAX && !(well && turn > turned)) {
+            well = pliant_substeps_here(model, data, PLIANT_ENDED_WELL);
+            turned = turn;
+        }
         if (!kept) pliant_contact_goes_on_from_here(data);
         else if ((status = pliant_substeps_back(model, data)) < 0) break;
         status = solve_more(model, data);
@@ -260,8 +265,9 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
         }
     }
     *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
-    /* gone astray for good: what it was solved to before lets some tissue in, and is in one piece */
-    if (well && status == PLIANT_NOT_CONVERGED && !*wrong && gets_by(model, data, parts, &begun)) status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
+    /* gone astray for good: what it was solved to before lets tissue in, too, but turns over less of it */
+    if (well && !*wrong && (status == PLIANT_NOT_CONVERGED || (status == PLIANT_OK && pliant_substeps_turn_over(data) > turned)) && gets_by(model, data, parts, &begun))
+        status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
     return status;
 }
 

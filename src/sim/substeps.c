@@ -267,16 +267,19 @@ static double volume_of(const double *x, const int32_t *node)
     return volume;
 }
 
-bool pliant_substeps_turned(const pliant_data *data)
+static int32_t count_turned(const pliant_data *data, const double *before)
 {
     const pliant_mesh *mesh = &data->body->fine;
-    bool turned = false;
-    for (int32_t t = 0; t < mesh->num_tets && !turned; t++) {
+    int32_t count = 0;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *node = mesh->tets + 4 * (size_t)t;
-        turned = volume_of(data->positions, node) <= 0 && volume_of(data->step_begin->step.positions, node) > 0;
+        count += volume_of(data->positions, node) <= 0 && volume_of(before, node) > 0;
     }
-    return turned;
+    return count;
 }
+
+bool pliant_substeps_turned(const pliant_data *data) { return count_turned(data, data->step_begin->step.positions) > 0; }
+int32_t pliant_substeps_turn_over(const pliant_data *data) { return count_turned(data, data->step_begin->part.positions); }
 
 void pliant_substeps_free(pliant_data *data)
 {

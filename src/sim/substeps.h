@@ -44,6 +44,8 @@ pliant_status pliant_substeps_there(const pliant_model *model, pliant_data *data
 void pliant_substeps_undo(const pliant_model *model, pliant_data *data, const pliant_substeps *parts);
 /* Whether elements are inside out that were not as the step began, which is kept. */
 bool pliant_substeps_turned(const pliant_data *data);
+/* How many there are that were not as the part that it is at began, if that is kept. */
+int32_t pliant_substeps_turn_over(const pliant_data *data);
 void pliant_substeps_free(pliant_data *data);
 
 #ifdef __cplusplus
