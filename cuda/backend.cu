@@ -23,6 +23,7 @@ struct cuda_data {
     double *landing;             /* in their place where there may be cuts: page-locked, with room for more nodes; is copied from */
     size_t landing_room;         /* bytes */
     bool brought;                /* this step's positions are the host's already */
+    bool moved;                  /* and are others than the device's of the fine mesh */
 };
 
 static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }
@@ -110,7 +111,11 @@ static pliant_status restart(const pliant_model *model, pliant_data *data)
     return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
 }
 
-static pliant_status move(const pliant_model *, pliant_data *data) { return pliant_cuda_solver_move(state_of(data)->solver, data->solver); }
+static pliant_status move(const pliant_model *, pliant_data *data)
+{
+    state_of(data)->moved = true;
+    return pliant_cuda_solver_move(state_of(data)->solver, data->solver);
+}
 
 /* of a coarse mesh it was brought when the step ended */
 static void download(const pliant_model *model, pliant_data *data)
@@ -134,7 +139,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
 static pliant_status enqueue_upsample(const pliant_data *data)
 {
     cuda_data *state = state_of(data);
-    state->brought = false;
+    state->brought = state->moved = false;
     CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
     const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
     return CUDA_CALL(cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
@@ -189,7 +194,7 @@ static pliant_status finish(pliant_data *data)
     pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
     const double *h_solved = NULL;
     if (!state->brought) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
-    else if (warp && (data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
+    else if (warp && (state->moved || data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
     if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
     if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));

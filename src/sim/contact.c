@@ -32,6 +32,7 @@ struct pliant_contact_search {
     pliant_moving_part part[MOST_PARTS];
     int32_t first[MOST_PARTS]; /* of its poses */
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
+    double passed;             /* of what was last seen to pass tools, how deep the deepest is, over their depth */
     int32_t room_nodes;        /* contact/response: paper */
     uint8_t *overlaps;         /* (room_nodes) */
     double *place;             /* (room_nodes x 3) */
@@ -308,8 +309,9 @@ static double gap_of(const pliant_contact_point *point, const double *positions)
     return gap;
 }
 
-/* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them is on the other side, and both cannot be right. same: that which the point takes the place of, or NULL */
-static double gap_so_far(const pliant_contacts *all, int32_t count, const double *positions, const pliant_contact_point *point, pliant_contact_point **same)
+/* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them is on the other side, and both cannot be right. same: that which the point takes the place of, or NULL.
+ * The point is as firm as the firmest of them. */
+static double gap_so_far(const pliant_contacts *all, int32_t count, const double *positions, pliant_contact_point *point, pliant_contact_point **same)
 {
     double gap = INFINITY;
     *same = NULL;
@@ -317,6 +319,7 @@ static double gap_so_far(const pliant_contacts *all, int32_t count, const double
     for (int n = 0; n < PLIANT_FEATURE_POINTS; n++, one.feature++) {
         pliant_contact_point *found = count > 0 ? bsearch(&one, all->point, (size_t)count, sizeof one, pliant_contact_compare) : NULL;
         if (found) gap = fmin(gap, dot(found->normal, point->normal) < 0 ? -INFINITY : gap_of(found, positions));
+        if (found) point->firm = fmax(point->firm, found->firm);
         if (found && found->feature == point->feature) *same = found;
     }
     return gap;
@@ -369,11 +372,19 @@ bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
     return pliant_contact_turn(model, data) <= 1;
 }
 
+/* how deep a point is in a tool, over how deep that is there; 0: it is of something else */
+static double deep_in_tool(const pliant_data *data, const pliant_contact_point *point)
+{
+    if (point->kind != PLIANT_OBSTACLE_TOOL) return 0;
+    return -gap_of(point, data->positions) / pliant_part_depth(data->tools[point->tool].shape.part + point->part);
+}
+
 /* A piece that has been touched only now may get to the ground, too. */
 static void add_walls(pliant_data *data, pliant_contacts *points)
 {
     const int32_t before = points->count;
-    if (!data->falling || pliant_falling_find_walls(data, points) != PLIANT_OK) return;
+    if (!data->falling) return;
+    if (pliant_falling_find_walls(data, points) != PLIANT_OK) points->count = before;
     if (points->count > before) qsort(points->point, (size_t)points->count, sizeof *points->point, pliant_contact_compare);
 }
 
@@ -382,6 +393,7 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const p
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
+    if (search) search->passed = 0;
     if (!pliant_contact_may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
     const double way = pliant_contact_way(search->finder, positions);
     if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
@@ -391,17 +403,13 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const p
     if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(start->points, start->points->count + search->made.count);
     if (status != PLIANT_OK || search->made.count == 0) return false;
     if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
+    for (int32_t n = 0; n < search->made.count; n++) search->passed = fmax(search->passed, deep_in_tool(data, search->made.point + n));
     if (take_in(data, start, &search->made) == 0) return false;
     add_walls(data, start->points);
     return true;
 }
 
-/* how deep a point is in a tool, over how deep that is there; 0: it is of something else */
-static double deep_in_tool(const pliant_data *data, const pliant_contact_point *point)
-{
-    if (point->kind != PLIANT_OBSTACLE_TOOL) return 0;
-    return -gap_of(point, data->positions) / pliant_part_depth(data->tools[point->tool].shape.part + point->part);
-}
+double pliant_contact_passed_by(const pliant_data *data) { return data->contact_search ? data->contact_search->passed : 0; }
 
 double pliant_contact_deep_beside_patch(const pliant_data *data)
 {
@@ -451,8 +459,11 @@ bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start 
 
 void pliant_contact_goes_on_from_here(pliant_data *data)
 {
-    for (int32_t n = 0; n < data->contacts.count; n++)
-        if (!data->contacts.point[n].begun) memset(data->contacts.point[n].drift, 0, sizeof data->contacts.point[n].drift);
+    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL; /* which have not gone yet */
+    for (int32_t n = 0; n < data->contacts.count; n++) {
+        pliant_contact_point *point = data->contacts.point + n;
+        if (!point->begun && !(pieces && pieces->of_node[point->node[0]] >= 0)) memset(point->drift, 0, sizeof point->drift);
+    }
 }
 
 void pliant_contact_end(pliant_data *data)

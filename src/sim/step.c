@@ -179,13 +179,13 @@ static void take_no_more(pliant_data *data)
 }
 
 /* Points that the coarse model holds are moved by the patch after that: where one is deep in a tool then, both take turns (alternating Schwarz method), from where they are, as long as
- * that helps. Where a turn fails, all is as it was before. */
-static pliant_status take_turns(const pliant_model *model, pliant_data *data, pliant_status status)
+ * that helps, a few times in a step. Where a turn fails, all is as it was before. */
+static pliant_status take_turns(const pliant_model *model, pliant_data *data, pliant_substeps *parts, pliant_status status)
 {
     const double deep = 0.1, helps = 0.9;
-    const int most = data->solver->budget > 0 ? 2 : 8;
+    const int32_t most = data->solver->budget > 0 ? 2 : 8;
     double now = pliant_contact_deep_beside_patch(data), before = INFINITY;
-    for (int turn = 0; turn < most && now > deep && now < helps * before && pliant_solver_has_time(data->solver) && pliant_substeps_here(model, data, PLIANT_ENDED_LAST); turn++) {
+    for (; parts->turns < most && now > deep && now < helps * before && pliant_solver_has_time(data->solver) && pliant_substeps_here(model, data, PLIANT_ENDED_LAST); parts->turns++) {
         take_no_more(data);
         pliant_contact_goes_on_from_here(data);
         const pliant_status solved = solve_more(model, data), placed = solved >= 0 ? bring(model, data, true) : solved;
@@ -199,22 +199,31 @@ static pliant_status take_turns(const pliant_model *model, pliant_data *data, pl
     return status;
 }
 
-/* With what a patch makes of it. */
-static pliant_status place(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, bool upsamples)
+/* Where a solve has led to, with what a patch makes of it. solved: what came of it */
+static pliant_status place(const pliant_model *model, pliant_data *data, pliant_substeps *parts, bool upsamples, pliant_status solved)
 {
-    const pliant_status status = bring(model, data, upsamples);
-    return status >= 0 && parts->kept && pliant_patch_serves(data) > 0 ? take_turns(model, data, status) : status;
+    const pliant_status placed = bring(model, data, upsamples), status = placed == PLIANT_OK ? solved : placed;
+    return status >= 0 && parts->kept && pliant_patch_serves(data) > 0 ? take_turns(model, data, parts, status) : status;
 }
 
-/* Whether tissue has gone by a tool, or a piece has let one in that goes far, or has turned by more than it was solved for: there is more to solve it with now. */
+/* Whether tissue has gone by a tool: there are points of it now. */
+static bool passes(const pliant_model *model, pliant_data *data, const pliant_contact_start *begun)
+{
+    if (data->falling) (void)pliant_falling_ahead(data->falling, &data->contacts, data->positions);
+    const bool passed = pliant_contact_passed(model, data, begun);
+    if (data->falling) pliant_falling_stay(data->falling, data->positions); /* until the step places them */
+    return passed;
+}
+
+/* Or a piece has let one in that goes far, or has turned by more than it was solved for: there is more to solve it with now. */
 static bool gets_by(const pliant_model *model, pliant_data *data, const pliant_substeps *parts, const pliant_contact_start *begun)
 {
     const double as_foreseen = 1e-4; /* [m] */
-    const double bent = data->falling ? pliant_falling_ahead(data->falling, &data->contacts, data->positions) : 0;
-    const bool passed = pliant_contact_passed(model, data, begun);
-    const bool deep = data->falling && parts->most > 1 && pliant_contact_piece_is_deep(data, begun);
-    if (data->falling) pliant_falling_stay(data->falling, data->positions); /* until the step places them */
-    return passed || deep || (parts->most > 1 && bent > as_foreseen);
+    if (!data->falling || parts->most == 1) return passes(model, data, begun);
+    const double bent = pliant_falling_ahead(data->falling, &data->contacts, data->positions);
+    const bool passed = pliant_contact_passed(model, data, begun), deep = pliant_contact_piece_is_deep(data, begun);
+    pliant_falling_stay(data->falling, data->positions);
+    return passed || deep || bent > as_foreseen;
 }
 
 /* Whether what a step was solved again to is no good, and it can be taken in more parts than it is. */
@@ -239,35 +248,32 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     const bool may_pass = pliant_contact_may_pass(model, data);
     parts->patched = false;
     if (!may_pass && parts->at == parts->count) return first;
-    pliant_status status = place(model, data, parts, false); /* the next part begins there, too */
+    pliant_status status = place(model, data, parts, false, first); /* the next part begins there, too */
     if (status < 0) return status;
     parts->patched = pliant_patch_serves(data) > 0;
-    if (status == PLIANT_OK) status = first;
-    first = status;
-    if (!may_pass) return first;
+    if (!may_pass) return status;
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && gets_by(model, data, parts, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
-        const int32_t turn = kept && status == PLIANT_OK ? pliant_substeps_turn_over(data) : INT32_MAX;
+        const int32_t turn = kept && status == PLIANT_OK && pliant_contact_passed_by(data) < 1 ? pliant_substeps_turn_over(data) : INT32_MAX;
         if (turn < INT32_MAX && !(well && turn > turned)) {
             well = pliant_substeps_here(model, data, PLIANT_ENDED_WELL);
             turned = turn;
         }
+        const pliant_status ended = status;
         if (!kept) pliant_contact_goes_on_from_here(data);
         else if ((status = pliant_substeps_back(model, data)) < 0) break;
         status = solve_more(model, data);
-        const pliant_status placed = status >= 0 ? place(model, data, parts, true) : PLIANT_OK;
-        if (placed != PLIANT_OK) status = placed;
+        if (status >= 0) status = place(model, data, parts, true, status);
         if (status == PLIANT_ERROR_MEMORY || status == PLIANT_ERROR_NUMERIC) {
             const pliant_status there = kept ? pliant_substeps_there(model, data, PLIANT_ENDED_LAST) : PLIANT_OK;
-            status = there < 0 ? there : first;
+            status = there < 0 ? there : ended;
             break;
         }
     }
     *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
-    /* gone astray for good: what it was solved to before lets tissue in, too, but turns over less of it */
-    if (well && !*wrong && (status == PLIANT_NOT_CONVERGED || (status == PLIANT_OK && pliant_substeps_turn_over(data) > turned)) && gets_by(model, data, parts, &begun))
-        status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
+    /* gone astray for good: of what it was solved to, all of which lets tissue in, what turns over the least of it, if nothing is through there */
+    if (well && status >= 0 && !*wrong && pliant_substeps_turn_over(data) > turned && passes(model, data, &begun)) status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
     return status;
 }
 

@@ -230,8 +230,14 @@ pliant_status pliant_substeps_there(const pliant_model *model, pliant_data *data
     statistics->residual_force = told->residual_force;
     statistics->penetration = told->penetration;
     statistics->contacts = told->contacts;
+    statistics->patched = told->patched;
+    statistics->patch_iterations = told->patch_iterations;
+    statistics->patch_residual = told->patch_residual;
+    statistics->patch_moved = told->patch_moved;
     pliant_contacts_exchange(&data->contacts, &data->step_begin->ended[which].points);
-    return put(model, data, data->step_begin->ended + which);
+    const pliant_status status = put(model, data, data->step_begin->ended + which);
+    pliant_pull_report(data); /* what tools feel there */
+    return status;
 }
 
 bool pliant_substeps_can_go_back(pliant_data *data)

@@ -12,6 +12,7 @@ typedef struct pliant_substeps {
     int32_t count, at;     /* 0: it has not begun; 1: the step is whole; which of them it is at, from 1 */
     int32_t most;          /* that it may be taken in */
     bool patched;          /* a patch has had its part of it */
+    int32_t turns;         /* that the coarse model and patches have taken beyond that */
     bool kept;             /* where nodes were as it, or the part that it is at, began, and with which points */
     double left;           /* share of the budget as the parts begin */
     double target[PLIANT_MAX_TOOLS][3]; /* of tools that hold by springs, as the step ends [m] */

@@ -58,12 +58,12 @@ Way through_the_piece(Way on)
     return on;
 }
 
-// Where it lies free, wherever it is met. PLIANT_SWEEPS: as many, in place of 120; some of more get through: contact/NUMERICS.
+// Where it lies free, wherever it is met. PLIANT_SWEEPS: as many, in place of 60; some of more get through: contact/NUMERICS.
 TEST(SweptPieces, NothingIsSweptThroughAPiece)
 {
     Sweeps sweeps;
     int through = 0, moved = 0;
-    const int count = number_from("PLIANT_SWEEPS", 120), first = number_from("PLIANT_SWEEPS_FIRST", 0);
+    const int count = number_from("PLIANT_SWEEPS", 60), first = number_from("PLIANT_SWEEPS_FIRST", 0);
     for (int n = 0; n < count; n++) {
         const Way on = through_the_piece(sweeps.next());
         if (n < first) continue;

@@ -7,7 +7,7 @@
  *
  * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their sources. What is being
  * made for a body when the next one comes is of use all the same: it becomes the base of what is carried over (carried.h). The thread
- * reads what it began with, which is retained; no step waits for it, but one without a budget that is stuck. */
+ * reads what it began with, which is retained; no step waits for it, but one that is stuck. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"

@@ -115,21 +115,30 @@ bool MeshOutput::is_published(const Snapshot &snapshot) const
     return state_stamp_ == snapshot.stamp && state_step_ == snapshot.step;
 }
 
+/* Steps begin anew after a reset, and stamps where a clock goes back. */
+bool MeshOutput::is_late(const Snapshot &snapshot) const
+{
+    return state_loaded_ == snapshot.loaded.get() && snapshot.stamp < state_stamp_ && snapshot.step < state_step_;
+}
+
 void MeshOutput::send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state)
 {
+    state_loaded_ = snapshot.loaded.get();
     state_stamp_ = snapshot.stamp;
     state_step_ = snapshot.step;
     publish_urgently(state_, state);
 }
 
-void MeshOutput::publish_state(const Snapshot &snapshot)
+bool MeshOutput::publish_state(const Snapshot &snapshot)
 {
-    if (state_.getNumSubscribers() == 0) return;
+    if (state_.getNumSubscribers() == 0) return true;
     std::lock_guard<std::mutex> hold(lock_);
-    if (is_published(snapshot)) return;
+    if (is_published(snapshot)) return true;
+    if (is_late(snapshot)) return false;
     follow_topology(snapshot);
     state_rate_.spend(live_->get().mesh_rate);
     send_state(snapshot, state_of(snapshot));
+    return true;
 }
 
 void MeshOutput::publish(const Snapshot &snapshot)
@@ -138,7 +147,7 @@ void MeshOutput::publish(const Snapshot &snapshot)
     bool points_due = points_.getNumSubscribers() > 0 && points_rate_.due(VIEW_RATE);
     std::unique_lock<std::mutex> hold(lock_);
     const double rate = live_->get().mesh_rate;
-    bool state_due = state_.getNumSubscribers() > 0 && !is_published(snapshot) && state_rate_.due(rate);
+    bool state_due = state_.getNumSubscribers() > 0 && !is_published(snapshot) && !is_late(snapshot) && state_rate_.due(rate);
     /* while a blade cuts, every step has another topology: no more of them than of states */
     if (state_due || (state_.getNumSubscribers() == 0 && topology_rate_.due(rate))) follow_topology(snapshot);
     if (!state_due && !marker_due && !points_due) return;

@@ -23,8 +23,9 @@ public:
     /* Latched: scan_info and mesh/topology of a model that was just put in. */
     void publish_model(const Loaded &loaded);
     /* The state of this very step, whatever its rate: its volume is about to be shown, and whoever records states must
-       be able to make the same one. Once a step; any thread. */
-    void publish_state(const Snapshot &snapshot);
+       be able to make the same one. Once a step; any thread. false: the state of a later step is sent already, and who
+       records them wants them in order: that one is to be shown */
+    bool publish_state(const Snapshot &snapshot);
     std::string problem() const { return problem_.get(); }
 
 private:
@@ -32,6 +33,7 @@ private:
     bool is_wanted() const;
     void publish(const Snapshot &snapshot);
     bool is_published(const Snapshot &snapshot) const;
+    bool is_late(const Snapshot &snapshot) const;
     void publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision, const ros::Time &stamp);
     /* of this snapshot, unless it is there; before its state */
     void follow_topology(const Snapshot &snapshot);
@@ -47,6 +49,7 @@ private:
     const Loaded *shown_ = nullptr; /* that the latched topology is of, and its revision there */
     uint32_t topology_revision_ = 0;
     std::shared_ptr<const pliant_surface> surface_; /* the newest that was asked for */
+    const Loaded *state_loaded_ = nullptr; /* of the last state that was sent */
     ros::Time state_stamp_;
     uint64_t state_step_ = 0;
     Rate state_rate_, topology_rate_, marker_rate_, points_rate_;

@@ -96,7 +96,7 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
     bool is_new = !warped_ || warped_->loaded() != snapshot.loaded.get();
     bool changed = false;
     if (is_new || snapshots_->keeps_all() || warp_rate_.due(settings.warp_rate)) {
-        if (mesh_output_) mesh_output_->publish_state(snapshot);
+        if (mesh_output_ && !mesh_output_->publish_state(snapshot)) return; /* a later one is on its way */
         if (is_new) {
             shown_now_.reset();
             warped_.reset(); /* before the next one takes its memory */
