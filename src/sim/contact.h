@@ -21,7 +21,7 @@ typedef struct pliant_contact_start {
 /* A quasi-static step is solved, and its positions are the host's, those of pieces where its forces take them: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points in `start` now, with which it is
  * solved again. Without memory for it: false. */
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start);
-/* Of what that was last, how deep the deepest is in a tool, over how deep that is there; beyond 1 it is through. */
+/* Of what that was last, how deep the deepest is in a tool, from the side that it has come in by, over how deep that is there; from 2 on it is through. */
 double pliant_contact_passed_by(const pliant_data *data);
 /* The most that a tool with a shape turns in the step, of what can be followed; one that has jumped turns nothing on its way. */
 double pliant_contact_turn(const pliant_model *model, const pliant_data *data);

@@ -240,6 +240,7 @@ static bool goes_wrong(const pliant_model *model, pliant_data *data, const plian
 static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_substeps *parts, pliant_status first, bool *wrong)
 {
     enum { MOST = 6 };
+    const double through = 2; /* depths: the other side of a part */
     const bool kept = parts->kept;
     const pliant_contact_start begun = pliant_substeps_start(data, parts);
     int again = 0;
@@ -255,7 +256,7 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && gets_by(model, data, parts, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
-        const int32_t turn = kept && status == PLIANT_OK && pliant_contact_passed_by(data) < 1 ? pliant_substeps_turn_over(data) : INT32_MAX;
+        const int32_t turn = kept && status == PLIANT_OK && pliant_contact_passed_by(data) < through ? pliant_substeps_turn_over(data) : INT32_MAX;
         if (turn < INT32_MAX && !(well && turn > turned)) {
             well = pliant_substeps_here(model, data, PLIANT_ENDED_WELL);
             turned = turn;
