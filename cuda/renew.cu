@@ -23,7 +23,7 @@ struct gpu_renewal {
     bool running, in_thread;          /* in_thread: false: no thread could be had */
     std::atomic<bool> finished;
     pliant_account *account;          /* of the simulation that it works for */
-    uint64_t due;                     /* step */
+    uint64_t started, due;            /* steps */
     int device;
     pliant_preconditioner_choice choice;
     cudaStream_t stream;              /* lets that of the steps go first */
@@ -96,6 +96,7 @@ static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver,
     renewal->device = gpu->device;
     renewal->choice = gpu->choice;
     renewal->of = pliant_discretization_retain(solver->system->of);
+    renewal->started = step;
     renewal->due = step + 2 * (uint64_t)solver->refresh_delay; /* as the CPU's first factor of a body */
     renewal->account = pliant_account_in_use();
     renewal->running = true;
@@ -201,7 +202,7 @@ static void stop(pliant_cuda_solver *gpu)
     forget_body(renewal);
 }
 
-/* In place of the one at hand, which is of the same body. at: Nullable. Where none can be made, the old one stays. */
+/* In place of the one at hand, of the same body or carried over to it. at: Nullable. Where none can be made, the old one stays. */
 static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, bool *made)
 {
     gpu_preconditioner other = {};
@@ -210,7 +211,10 @@ static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solv
     const pliant_status status = pliant_cuda_preconditioner_make(gpu, solver, at, &other);
     pliant_fail_quietly(false);
     *made = status == PLIANT_OK;
-    if (*made) exchange_bases(&gpu->preconditioner, &other);
+    if (*made) {
+        pliant_cuda_carried_clear(&gpu->preconditioner.carried, &gpu->preconditioner.room);
+        exchange_bases(&gpu->preconditioner, &other);
+    }
     pliant_cuda_preconditioner_free(&other);
     if (!*made) return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made") : PLIANT_OK;
     gpu->of_state = at != nullptr;
@@ -232,10 +236,17 @@ static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
+/* As in refresh.c: where what is in use is carried over, whether its own is on its way since an earlier step, and a step may take as long as that does. */
+static bool waits_for_its_own(const pliant_cuda_solver *gpu, const pliant_solver *solver, uint64_t step)
+{
+    const gpu_renewal *renewal = gpu->renewal;
+    return !(solver->budget > 0) && renewal && renewal->running && !renewal->source && renewal->started < step;
+}
+
 extern "C" pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made)
 {
     *made = false;
-    if (gpu->preconditioner.carried.base_free > 0) return PLIANT_OK; /* its own is on its way */
+    if (gpu->preconditioner.carried.base_free > 0 && !waits_for_its_own(gpu, solver, statistics->step)) return PLIANT_OK;
     stop(gpu);
     double *x = static_cast<double *>(pliant_calloc((size_t)gpu->iteration.num_nodes, 3 * sizeof *x));
     double *axes = static_cast<double *>(pliant_calloc((size_t)gpu->iteration.num_free, 9 * sizeof *axes));
