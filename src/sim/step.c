@@ -179,11 +179,11 @@ static void take_no_more(pliant_data *data)
 }
 
 /* Points that the coarse model holds are moved by the patch after that: where one is deep in a tool then, both take turns (alternating Schwarz method), from where they are, as long as
- * that helps, a few times in a step. Where a turn fails, all is as it was before. */
+ * that helps, and so often in a step. Where a turn fails, all is as it was before. */
 static pliant_status take_turns(const pliant_model *model, pliant_data *data, pliant_substeps *parts, pliant_status status)
 {
     const double deep = 0.1, helps = 0.9;
-    const int32_t most = data->solver->budget > 0 ? 2 : 8;
+    const int32_t most = data->solver->budget > 0 ? 2 : 64;
     double now = pliant_contact_deep_beside_patch(data), before = INFINITY;
     for (; parts->turns < most && now > deep && now < helps * before && pliant_solver_has_time(data->solver) && pliant_substeps_here(model, data, PLIANT_ENDED_LAST); parts->turns++) {
         take_no_more(data);
