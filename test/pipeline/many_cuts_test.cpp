@@ -66,6 +66,7 @@ TEST_F(ManyCuts, LeaveNothingBehind)
         random.seed(3);
         cuts(100);
         EXPECT_GT(body.data->body->cuts->num_links, 300);
+        for (int step = 0; step < 20; step++) ASSERT_GE(pliant_step(body.model, body.data), 0); // what is made in the background is there, however busy the machine is
         bytes = pliant_memory_in_use();
         ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
         EXPECT_LT(pliant_memory_in_use(), before + (before >> 4)); // lists of the warp keep their room
