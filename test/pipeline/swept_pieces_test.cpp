@@ -113,22 +113,34 @@ TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
             }
 }
 
+// A tool on its way through the piece, and one that lifts it, if it holds it.
+struct GrippedPiece : Piece {
+    Way on;
+    int tool, grip;
+    GrippedPiece(const Way &way, bool is_held)
+        : Piece(way.friction), on(way), tool(sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])), grip(sheet->add("grip", pliant_tool_shape{}, 0.024, -0.197, 0.002))
+    {
+        const double rest[3] = {0.024, 0.003, 0.002};
+        if (is_held) EXPECT_EQ(pliant_tool_grasp(sheet->model, sheet->data, grip, rest), PLIANT_OK) << pliant_last_error();
+    }
+    void move_tools(int step)
+    {
+        move(*sheet, tool, on, step);
+        sheet->move(grip, 0.024, -0.197, 0.002 + 0.001 * step);
+    }
+};
+
 // A step in parts that fails leaves a piece as it was, with its speed, and what holds it: done again, it is the step that it would have been.
 TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
 {
     Sweeps sweeps;
     const Way on = through_the_piece(sweeps.at(29));
     for (const bool is_held : {false, true}) {
-        Piece piece(on.friction);
+        GrippedPiece piece(on, is_held);
         Sheet &sheet = *piece.sheet;
-        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-        const double rest[3] = {0.024, 0.003, 0.002}, held[3] = {0.024, -0.197, 0.002};
-        const int grip = sheet.add("grip", pliant_tool_shape{}, held[0], held[1], held[2]);
-        if (is_held) ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, grip, rest), PLIANT_OK) << pliant_last_error();
         int failed = 0, parts = 1;
         for (int step = 0; step < on.steps() + 2; step++) {
-            move(sheet, tool, on, step);
-            sheet.move(grip, held[0], held[1], held[2] + 0.001 * step);
+            piece.move_tools(step);
             pliant_data *reference = nullptr;
             ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &reference), PLIANT_OK);
             ASSERT_GE(pliant_step(sheet.model, reference), 0);
@@ -166,18 +178,13 @@ TEST(SweptPieces, GoOnFromWhatIsKept)
     Sweeps sweeps;
     const Way on = through_the_piece(sweeps.at(29));
     for (const bool is_held : {false, true}) {
-        Piece piece(on.friction);
+        GrippedPiece piece(on, is_held);
         Sheet &sheet = *piece.sheet;
-        const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
-        const double rest[3] = {0.024, 0.003, 0.002}, held[3] = {0.024, -0.197, 0.002};
-        const int grip = sheet.add("grip", pliant_tool_shape{}, held[0], held[1], held[2]);
-        if (is_held) ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, grip, rest), PLIANT_OK) << pliant_last_error();
         for (int step = 0; step < on.steps() + 1; step++) {
-            move(sheet, tool, on, step);
-            sheet.move(grip, held[0], held[1], held[2] + 0.001 * step);
+            piece.move_tools(step);
             ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
         }
-        sheet.move(tool, 0, 0.3, 0); // out of its way
+        sheet.move(piece.tool, 0, 0.3, 0); // out of its way
         pliant_data *reference = nullptr;
         pliant_falling_kept *kept = nullptr;
         ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &reference), PLIANT_OK);
