@@ -134,7 +134,7 @@ class Severed(unittest.TestCase):
                 self.stage.picture("%s.%s.%s.png" % (os.environ["PLIANT_TEST_PICTURE"], name, "cut" if is_open else "whole"))
 
     def test_an_open_cut_is_seen(self):
-        self.stage.wait(lambda: self.whole and self.state and self.stage.window(), what="the volume")
+        self.stage.wait(lambda: self.whole and self.state, what="the volume")
         self.hold_still()
         self.stage.wait(lambda: self.silhouette().sum() > 10000, what="a picture's room for the organ")
         for name in SIGHTS:

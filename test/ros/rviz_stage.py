@@ -154,10 +154,16 @@ class Stage:
                 raise RuntimeError("%s ended with code %d\n%s" % (name, process.returncode, self.logs()))
 
     def window(self):
-        """Window of the 3-D view: (x, y, width, height) on the screen; None while it is not there."""
-        tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True).stdout
+        """Window of the 3-D view: (x, y, width, height) on the screen. Waited for: rviz makes it anew as it loads a configuration."""
+        return self.wait(self._look_for_window, what="rviz's 3-D view")
+
+    def _look_for_window(self):
+        """As window(); None while it is not there."""
+        tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True)
+        if tree.returncode != 0:  # one of the windows went while they were told
+            return None
         best = None
-        for line in tree.splitlines():
+        for line in tree.stdout.splitlines():
             parts = line.split()
             if "rviz" not in line or len(parts) < 2:
                 continue
