@@ -260,16 +260,19 @@ import sys, threading, zlib
 import rospy
 from node_client import WholeVolume
 rospy.init_node("slow_reader")
-gate = threading.Event()
+gate, one_at_a_time = threading.Event(), threading.Lock()
+def say(*words):
+    with one_at_a_time:
+        print(*words, flush=True)
 class Slow(WholeVolume):
     def take(self, message):
         super().take(message)
-        print("took", message.sequence, flush=True)
+        say("took", message.sequence)
         gate.wait()
 volume = Slow()
 for line in sys.stdin:
     gate.set()
-    print("holds", volume.is_lost, zlib.crc32(volume.voxels.tobytes()), flush=True)
+    say("holds", volume.is_lost, zlib.crc32(volume.voxels.tobytes()))
 '''
         fast = self.whole_volume()
         size = wait_for(fast.copy, "the whole volume").nbytes
