@@ -49,6 +49,11 @@ class FaultTest(unittest.TestCase):
         return {status.name.split(": ")[-1]: (status, {value.key: value.value for value in status.values})
                 for status in statuses}
 
+    def diagnosis(self, name):
+        """What diagnostics said last under this name: of a node that begins, that it does."""
+        found = self.diagnosed()
+        return found[name][0].message if name in found else ""
+
     # by the alphabet the first one: nothing has been loaded yet
     def test_a_missing_scan_is_a_fault_that_load_scan_mends(self):
         node = self.node
@@ -113,7 +118,7 @@ class FaultTest(unittest.TestCase):
         camera.shutdown()  # and the poses go on
         wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
         self.assertFalse(self.node.contact.fresh().grasped)
-        wait_for(lambda: "has no transform" in self.diagnosed()["tool grasper"][0].message, "the frame of which nothing more is heard")
+        wait_for(lambda: "has no transform" in self.diagnosis("tool grasper"), "the frame of which nothing more is heard")
 
     def test_a_short_gap_keeps_the_hold_and_a_long_one_says_why_it_is_lost(self):
         self.load_small()
@@ -169,8 +174,7 @@ class FaultTest(unittest.TestCase):
         tool.appear(self.node.front())
 
         def told(words):
-            status = self.diagnosed().get("tool grasper", (None,))[0]
-            return status and words in status.message
+            return words in self.diagnosis("tool grasper")
         wait_for(lambda: told('"nowhere"') or told("nowhere"), "the frame that is unknown")
         tool.frame, tool.stamp = "tissue", lambda: rospy.Time.now() + rospy.Duration(5)
         wait_for(lambda: told("ahead"), "the clock that is ahead")
@@ -346,8 +350,7 @@ class FaultTest(unittest.TestCase):
         self.addCleanup(node.kill)
         wait_for(lambda: state.message and state.message.state == SimState.FAULT, "FAULT")
         self.assertIn("mesh/ratio", state.message.message)
-        told, _ = wait_for(lambda: self.diagnosed().get("parameters"), "diagnostics")
-        self.assertIn("mesh/ratio", told.message)
+        wait_for(lambda: "mesh/ratio" in self.diagnosis("parameters"), "diagnostics")
         self.assertIsNone(node.poll())
         state.close()
 
@@ -361,7 +364,7 @@ class FaultTest(unittest.TestCase):
         self.addCleanup(manager.kill)
         wait_for(lambda: state.message and state.message.state == SimState.FAULT, "FAULT")
         self.assertIn("/nowhere/PSM1.json", state.message.message)
-        wait_for(lambda: "parameters" in self.diagnosed() and "/nowhere/PSM1.json" in self.diagnosed()["parameters"][0].message, "diagnostics")
+        wait_for(lambda: "/nowhere/PSM1.json" in self.diagnosis("parameters"), "diagnostics")
         self.assertIsNone(manager.poll())
 
     def test_a_node_whose_file_cannot_be_read_yet_ends_to_be_started_again(self):
