@@ -309,16 +309,26 @@ static double gap_of(const pliant_contact_point *point, const double *positions)
     return gap;
 }
 
-/* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them is on the other side, and both cannot be right. same: that which the point takes the place of, or NULL.
- * The point is as firm as the firmest of them. */
-static double gap_so_far(const pliant_contacts *all, int32_t count, const double *positions, pliant_contact_point *point, pliant_contact_point **same)
+/* As it has been solved. */
+static bool presses(const pliant_data *data, const pliant_contact_point *point)
+{
+    const pliant_contacts *now = &data->contacts;
+    const pliant_contact_point *found = now->count > 0 ? bsearch(point, now->point, (size_t)now->count, sizeof *point, pliant_contact_compare) : NULL;
+    return found && dot(found->force, found->normal) > 0;
+}
+
+/* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them presses from the other side, and both cannot be right. same: that which the point takes the place of, or NULL;
+ * of one on the other side that does not press it does. The point is as firm as the firmest of them. */
+static double gap_so_far(const pliant_data *data, const pliant_contacts *all, int32_t count, pliant_contact_point *point, pliant_contact_point **same)
 {
     double gap = INFINITY;
     *same = NULL;
     pliant_contact_point one = {.feature = point->feature & ~(uint64_t)(PLIANT_FEATURE_POINTS - 1)};
     for (int n = 0; n < PLIANT_FEATURE_POINTS; n++, one.feature++) {
         pliant_contact_point *found = count > 0 ? bsearch(&one, all->point, (size_t)count, sizeof one, pliant_contact_compare) : NULL;
-        if (found) gap = fmin(gap, dot(found->normal, point->normal) < 0 ? -INFINITY : gap_of(found, positions));
+        const bool beyond = found && dot(found->normal, point->normal) < 0;
+        if (beyond && !presses(data, found)) point->feature = found->feature;
+        else if (found) gap = fmin(gap, beyond ? -INFINITY : gap_of(found, data->positions));
         if (found) point->firm = fmax(point->firm, found->firm);
         if (found && found->feature == point->feature) *same = found;
     }
@@ -334,7 +344,7 @@ static int32_t take_in(const pliant_data *data, const pliant_contact_start *star
     int32_t taken = 0;
     for (int32_t n = 0; n < found->count; n++) {
         pliant_contact_point *point = found->point + n, *same;
-        const double before = gap_so_far(all, count, data->positions, point, &same);
+        const double before = gap_so_far(data, all, count, point, &same);
         if (!(gap_of(point, data->positions) < fmin(before, 0) - deeper)) continue;
         if (same) pliant_contact_carry(same, start->positions, point);
         for (int d = 0; d < 3 && same; d++) point->anchor[d] -= point->drift[d]; /* both are where the step ends */

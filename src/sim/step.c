@@ -234,18 +234,23 @@ static bool goes_wrong(const pliant_model *model, pliant_data *data, const plian
     return pliant_substeps_turned(data) || gets_by(model, data, parts, &start);
 }
 
+/* Of where a part of a step that tissue gets by in was solved to: an element that it has turned inside out is as bad as tissue by a whole depth of a tool in it. INFINITY: it is through. */
+static double badness(const pliant_data *data)
+{
+    const double through = 2, by = pliant_contact_passed_by(data); /* depths: the other side of a part */
+    return by < through ? by + pliant_substeps_turn_over(data) : INFINITY;
+}
+
 /* The solve and upsample of a step, or of a part of it, once more, with the points of what has passed a tool, from where it began if that is kept: where
  * tissue has got by, it has gone astray. One with a budget takes no more of them than there is time for. Where solving again fails, the step stays as it was solved.
  * *wrong: tissue still gets by, or is inside out. Errors: UNAVAILABLE. */
 static pliant_status solve_again(const pliant_model *model, pliant_data *data, pliant_substeps *parts, pliant_status first, bool *wrong)
 {
-    enum { MOST = 6 };
-    const double through = 2; /* depths: the other side of a part */
+    enum { MOST = 12 };
     const bool kept = parts->kept;
     const pliant_contact_start begun = pliant_substeps_start(data, parts);
     int again = 0;
-    int32_t turned = 0;
-    bool well = false;
+    double least = INFINITY; /* of how bad it was where PLIANT_ENDED_WELL is; INFINITY: it is nowhere */
     const bool may_pass = pliant_contact_may_pass(model, data);
     parts->patched = false;
     if (!may_pass && parts->at == parts->count) return first;
@@ -256,11 +261,8 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
     take_no_more(data);
     for (; again < MOST && status >= 0 && pliant_solver_has_time(data->solver) && gets_by(model, data, parts, &begun); again++) {
         if (kept && !pliant_substeps_can_go_back(data)) break;
-        const int32_t turn = kept && status == PLIANT_OK && pliant_contact_passed_by(data) < through ? pliant_substeps_turn_over(data) : INT32_MAX;
-        if (turn < INT32_MAX && !(well && turn > turned)) {
-            well = pliant_substeps_here(model, data, PLIANT_ENDED_WELL);
-            turned = turn;
-        }
+        const double bad = kept && status == PLIANT_OK ? badness(data) : INFINITY;
+        if (bad < INFINITY && bad <= least && pliant_substeps_here(model, data, PLIANT_ENDED_WELL)) least = bad;
         const pliant_status ended = status;
         if (!kept) pliant_contact_goes_on_from_here(data);
         else if ((status = pliant_substeps_back(model, data)) < 0) break;
@@ -272,9 +274,10 @@ static pliant_status solve_again(const pliant_model *model, pliant_data *data, p
             break;
         }
     }
-    *wrong = status >= 0 && again > 0 && goes_wrong(model, data, parts);
-    /* gone astray for good: of what it was solved to, all of which lets tissue in, what turns over the least of it, if nothing is through there */
-    if (well && status >= 0 && !*wrong && pliant_substeps_turn_over(data) > turned && passes(model, data, &begun)) status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
+    const bool far_off = status == PLIANT_NOT_CONVERGED && data->statistics.error > data->body->fine.cell_size[0];
+    *wrong = status >= 0 && (again > 0 || far_off) && goes_wrong(model, data, parts);
+    /* gone astray for good: of what it was solved to, all of which lets tissue in, the least bad */
+    if (least < INFINITY && status >= 0 && !*wrong && passes(model, data, &begun) && badness(data) > least) status = pliant_substeps_there(model, data, PLIANT_ENDED_WELL);
     return status;
 }
 

@@ -22,6 +22,7 @@ struct Mode {
     bool dynamic = false;
     pliant_method method = PLIANT_FINE;
     Beside beside = Beside::Nothing;
+    pliant_backend_choice backend = PLIANT_AUTO;
 };
 
 // A tool and its way into the sheet.
@@ -95,6 +96,7 @@ inline std::unique_ptr<Sheet> sheet_for(const Way &on, const Mode &mode)
 {
     auto made = std::make_unique<Sheet>(1, on.friction, mode.budget_ms, mode.element, mode.dynamic, [&mode](pliant_scene &scene) {
         scene.model.method = mode.method;
+        scene.solver.backend = mode.backend;
         scene.mesh.ratio = mode.method == PLIANT_FINE ? 1 : 2;
         if (mode.beside == Beside::Piece) scene.cut.kind = mode.method == PLIANT_FINE ? PLIANT_CUT_SUBDIVIDE : PLIANT_CUT_SEVER;
         if (mode.beside == Beside::Patch) scene.model.patch = 0.012;
