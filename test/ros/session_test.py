@@ -3,6 +3,7 @@
 replayed, ten times as fast, and computed again, to the bit, from the bag and the scan alone."""
 import bisect
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -72,6 +73,7 @@ class SessionTest(unittest.TestCase):
             volumes.close()
         with rosbag.Bag(cls.bag) as bag:
             stamps = [message.header.stamp.to_nsec() for _, message, _ in bag.read_messages(NAMESPACE + "mesh/state")]
+            cls.states = len(stamps)
             cls.sessions = [message for _, message, _ in bag.read_messages(NAMESPACE + "session")]
         cls.live = [(stamp, crc) for stamp, crc in seen if stamps[0] <= stamp <= stamps[-1]][:-2]
 
@@ -119,13 +121,21 @@ class SessionTest(unittest.TestCase):
         self.assertNotEqual(first.gravity[1], 2.5)
 
     def test_it_is_replayed_ten_times_as_fast(self):
-        volumes = Checksums()
-        launch = Launch("replay.launch", bag=self.bag, scan=FIRST, rate="10", sim_time="false")
-        try:
-            wait_for(lambda: volumes.all() and max(stamp for stamp, _ in volumes.all()) >= self.live[-1][0], "the end of the replay", SECONDS)
-        finally:
-            launch.stop()
-            volumes.close()
+        for last in (False, False, True):
+            volumes = Checksums()
+            launch = Launch("replay.launch", bag=self.bag, scan=FIRST, rate="10", sim_time="false")
+            try:
+                wait_for(lambda: volumes.all() and max(stamp for stamp, _ in volumes.all()) >= self.live[-1][0], "the end of the replay", SECONDS / 3)
+                break
+            except AssertionError:
+                if last:
+                    raise
+            finally:
+                launch.stop()
+                volumes.close()
+            # rosbag play ends without waiting for what it has not sent yet: on a busy machine the end may not come. What has come is shown
+            shown = int(re.search(r"replay: (\d+) states shown, 0 dropped", launch.said()).group(1))
+            self.assertLess(shown, self.states, "states that came, the last of which gave no volume")
         replayed = volumes.all()
         self.assertIn(" 0 dropped", launch.said())
         stamps = [stamp for stamp, _ in replayed]
