@@ -11,6 +11,8 @@
 #include "base/inline.h"
 #include "pliant/body.h"
 
+#include <math.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -45,6 +47,11 @@ typedef struct pliant_contacts {
     int32_t count, room;
     pliant_contact_point *point;
 } pliant_contacts;
+
+/* How deep tissue is in what it touches as a step ends, of how deep it is as the step begins; 0 or less [m].
+ *  @param recovery at most this comes out [m]
+ *  @param stays    and at least this share is left: where tissue swings, what puts it out at once gives it energy */
+PLIANT_INLINE double pliant_contact_left(double gap, double recovery, double stays) { return fmin(fmin(gap + recovery, gap * stays), 0.0); }
 
 /* Who finds contacts: what a point takes over from that of the same feature in the step before. Its anchor goes with the obstacle, and other
  * weights than before are no slip.  positions: (fine nodes x 3) that the step begins with [m] */

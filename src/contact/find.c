@@ -269,7 +269,7 @@ static bool meet(const pliant_search *on, pliant_feature *of, int32_t p, double 
     }
     if (on_its_way && of->gap > 0) return false;
     /* what was deep in it already comes out little by little */
-    const double waits = fmin(gap_before + part->recovery, 0);
+    const double waits = pliant_contact_left(gap_before, part->recovery, part->stays);
     for (int d = 0; d < 3; d++) of->place[d] += waits * of->normal[d];
     of->gap -= waits;
     return true;

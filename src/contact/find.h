@@ -20,6 +20,7 @@ typedef struct pliant_moving_part {
     double stride;           /* no point of it goes further from one pose to the next [m] */
     double margin;           /* points are looked for up to this distance, and the tissue's own way [m] */
     double recovery;         /* of how far tissue is in it as the step begins, at most this is undone [m] */
+    double stays;            /* and this share of it is left (pliant_contact_left) */
     bool briefly;            /* of a part of a frame of explicit dynamics: the search is repeated before tissue or part go far */
     bool remembers;          /* where it is now is where it was at the end of the last step: which side of it tissue was on still holds */
     int32_t num_held;

@@ -84,7 +84,7 @@ static double find_rest(const pliant_search *on, pliant_feature *of)
 {
     double normal[3];
     pliant_feature then = *of;
-    return fmin(pliant_search_distance(on, &then, on->part->pose, 0, 0, normal) + on->part->recovery, 0);
+    return pliant_contact_left(pliant_search_distance(on, &then, on->part->pose, 0, 0, normal), on->part->recovery, on->part->stays);
 }
 
 static void look(const pliant_search *on, pliant_feature *of)

@@ -109,7 +109,7 @@ static pliant_contact_point *append(pliant_contacts *out)
 /* As far out as a step may bring it. */
 static void set_place(pliant_contact_point *point, double gap, const pliant_tissue_rule *rule)
 {
-    const double left = fmin(gap + rule->recovery, 0);
+    const double left = pliant_contact_left(gap, rule->recovery, rule->stays);
     for (int d = 0; d < 3; d++) point->place[d] = left * point->normal[d];
 }
 
@@ -337,7 +337,7 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
 
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
 {
-    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go, given->nodes};
+    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go, given->nodes, given->stays};
     const finding on = {.tissue = tissue, .view = pliant_tissue_view_of(tissue, positions, &moving)};
     const int32_t before_all = out->count;
     pliant_status status = pliant_tissue_searched(tissue, positions, &moving) ? PLIANT_OK : search(&on);

@@ -302,7 +302,7 @@ static bool write_point(const pliant_body *body, const side *p, const side *q, m
     out->area = p->face->area;
     for (int d = 0; d < 3; d++) {
         out->normal[d] = met->normal[d];
-        out->place[d] = fmin(met->gap + rule->recovery, 0) * met->normal[d];
+        out->place[d] = pliant_contact_left(met->gap, rule->recovery, rule->stays) * met->normal[d];
     }
     return kept > 0;
 }

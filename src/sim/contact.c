@@ -19,6 +19,7 @@
 
 static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
 static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
+static const double emerging = 0.15;  /* [s] in which its depth is down to 1 / e, where tissue swings: what is pushed out faster is given energy */
 enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
@@ -98,6 +99,8 @@ static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
 /* in this step, or in this part of it [m] */
 static double recovered(const pliant_model *model, const pliant_data *data) { return recovery * model->scene.solver.step / data->parts; }
 
+static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-model->scene.solver.step / data->parts / emerging) : 0; }
+
 /* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in.
  * tissue_way: how far the tissue goes at the same time */
 static pliant_status add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p, double tissue_way)
@@ -141,7 +144,7 @@ static pliant_status add_obstacle(const pliant_model *model, const pliant_data *
     for (int32_t n = 0; n < poses; n++) search->pose[search->num_poses++] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = PLIANT_CONTACT_MARGIN + tissue_way, .recovery = recovered(model, data),
+        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = PLIANT_CONTACT_MARGIN + tissue_way, .recovery = recovered(model, data), .stays = stays(model, data),
         .briefly = data->tled && pliant_tled_in_parts(data->tled), .remembers = true,
     };
     return PLIANT_OK;
@@ -243,7 +246,8 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     const pliant_outside *outside = touches_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
     const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovered(model, data),
-                                     .friction = model->scene.contact.friction, .pieces_go = pieces_go, .nodes = data->positions};
+                                     .friction = model->scene.contact.friction, .pieces_go = pieces_go, .nodes = data->positions,
+                                     .stays = stays(model, data)};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
