@@ -499,6 +499,7 @@ pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body
     pliant_status status = pliant_broad_begin(&finder->broad, body, positions, count, parts);
     if (status == PLIANT_OK) status = pliant_finder_room(finder, body);
     finder->num_next = finder->num_keep = 0;
+    finder->more = false;
     for (int32_t p = 0; p < count && status == PLIANT_OK; p++) {
         pliant_search on = {.finder = finder, .body = body, .positions = positions, .part = parts + p};
         on.part_key = pliant_search_key(on.part);

@@ -40,6 +40,9 @@ void pliant_finder_tell(pliant_finder *finder, const pliant_contacts *contacts);
 /* What is known of the step before, of the same body. Errors: MEMORY (nothing changed) */
 pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to);
 
+/* What pliant_contact_find_passed has added to what is known, where it was called once since pliant_contact_find, is forgotten. */
+void pliant_finder_forget_more(pliant_finder *finder);
+
 /* Room for more points. Errors: MEMORY (nothing changed). */
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room);
 /* Errors: MEMORY (nothing changed). */

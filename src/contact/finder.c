@@ -35,6 +35,7 @@ void pliant_finder_free(pliant_finder *finder)
 void pliant_finder_forget(pliant_finder *finder)
 {
     finder->num_sides = finder->num_kept = 0;
+    finder->more = false;
     finder->broad.knows_last = false;
 }
 
@@ -76,6 +77,7 @@ pliant_status pliant_finder_copy(const pliant_finder *from, pliant_finder *to)
     to->num_sides = from->num_sides;
     if (from->num_kept > 0) memcpy(to->kept, from->kept, (size_t)from->num_kept * sizeof *to->kept);
     to->num_kept = from->num_kept;
+    to->more = false;
     return PLIANT_OK;
 }
 
@@ -157,7 +159,7 @@ void pliant_finder_remember(pliant_finder *finder)
 
 pliant_status pliant_finder_remember_more(pliant_finder *finder, pliant_contacts *out)
 {
-    const int32_t made = finder->num_keep;
+    const int32_t made = finder->num_keep, kept = finder->num_kept, sides = finder->num_sides;
     pliant_status status = pliant_finder_reserve(finder, finder->num_kept + finder->num_sides, out);
     if (status != PLIANT_OK) return status;
     for (int32_t k = 0; k < finder->num_kept; k++) {
@@ -167,5 +169,18 @@ pliant_status pliant_finder_remember_more(pliant_finder *finder, pliant_contacts
     for (int32_t k = 0; k < finder->num_sides; k++) finder->next[finder->num_next++] = finder->sides[k];
     if (finder->num_keep > 0) qsort(finder->keep, (size_t)finder->num_keep, sizeof *finder->keep, pliant_compare_keys);
     pliant_finder_remember(finder);
+    finder->more = true;
+    finder->kept_before = kept;
+    finder->sides_before = sides;
     return PLIANT_OK;
+}
+
+void pliant_finder_forget_more(pliant_finder *finder)
+{
+    if (!finder->more) return;
+    finder->num_next = finder->num_keep = 0;
+    pliant_finder_remember(finder); /* what was known before is still there */
+    finder->num_sides = finder->sides_before;
+    finder->num_kept = finder->kept_before;
+    finder->more = false;
 }

@@ -53,6 +53,8 @@ struct pliant_finder {
     pliant_side *sides, *next;     /* ascending by key; of this step */
     int32_t num_kept, room_kept, num_keep, room_keep;
     pliant_kept_point *kept, *keep;      /* ascending by feature; of this step */
+    bool more;              /* pliant_finder_remember_more was called since the search, and this is how much was known before */
+    int32_t sides_before, kept_before;
 };
 
 /* A part and the tissue around it, while they are searched. */

@@ -380,11 +380,12 @@ static double thinnest_of(const pliant_contact_search *search)
     return thinnest;
 }
 
-bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data)
+static bool may_pass(const pliant_model *model, const pliant_data *data)
 {
-    if (!data->contact_search || !data->solver || !(thinnest_of(data->contact_search) < INFINITY)) return false;
-    return pliant_contact_turn(model, data) <= 1;
+    return data->contact_search && thinnest_of(data->contact_search) < INFINITY && pliant_contact_turn(model, data) <= 1;
 }
+
+bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data) { return data->solver && may_pass(model, data); }
 
 /* how deep a point is in a tool, over how deep that is there; 0: it is of something else */
 static double deep_in_tool(const pliant_data *data, const pliant_contact_point *point)
@@ -408,7 +409,7 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const p
     const pliant_body *body = NULL;
     const double *positions = NULL;
     if (search) search->passed = 0;
-    if (!pliant_contact_may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
+    if (!may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
     const double way = pliant_contact_way(search->finder, positions);
     if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
     search->made.count = 0;
@@ -421,6 +422,11 @@ bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const p
     if (take_in(data, start, &search->made) == 0) return false;
     add_walls(data, start->points);
     return true;
+}
+
+void pliant_contact_forget_passed(pliant_data *data)
+{
+    if (data->contact_search) pliant_finder_forget_more(data->contact_search->finder);
 }
 
 double pliant_contact_passed_by(const pliant_data *data) { return data->contact_search ? data->contact_search->passed : 0; }

@@ -18,9 +18,11 @@ typedef struct pliant_contact_start {
     const double *positions; /* (fine nodes x 3) [m] */
     pliant_contacts *points; /* of the same features as the simulation's, with forces and anchors of then */
 } pliant_contact_start;
-/* A quasi-static step is solved, and its positions are the host's, those of pieces where its forces take them: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points in `start` now, with which it is
+/* A quasi-static step, or a part of a frame of explicit dynamics, is solved, and its positions are the host's, those of pieces where its forces take them: whether tissue has gone by a tool's part, or slid into it, where no point was; there are points in `start` now, with which it is
  * solved again. Without memory for it: false. */
 bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start);
+/* What that has found is left out: nothing is known of it. For the last one, if it was the only one since the points were found. */
+void pliant_contact_forget_passed(pliant_data *data);
 /* Of what that was last, how deep the deepest is in a tool, from the side that it has come in by, over how deep that is there; from 2 on it is through. */
 double pliant_contact_passed_by(const pliant_data *data);
 /* The most that a tool with a shape turns in the step, of what can be followed; one that has jumped turns nothing on its way. */

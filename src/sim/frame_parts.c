@@ -8,25 +8,72 @@
 #include <math.h>
 #include <string.h>
 
+enum { MOST = 8 /* parts of a frame that are run again */ };
 static const double each = 0.5; /* of a tool's part's depth: so far it and the tissue may go in a part of a frame, together */
+
+/* Where held points are and were, and are pulled to (fem/dynamics/tled.h). */
+typedef struct holds {
+    double target[PLIANT_MAX_TOOLS][3], passed[PLIANT_MAX_TOOLS][3], passed_target[PLIANT_MAX_TOOLS][3], passed_step;
+} holds;
+
+/* What a part began with; what it was run with is kept by who runs it. */
+typedef struct part_begin {
+    bool kept;
+    int32_t made, substeps;
+    double *positions;               /* (nodes x 3) [m] */
+    holds held;
+    pliant_tool tools[PLIANT_MAX_TOOLS];
+    double error;
+    pliant_contacts points;          /* with those of what has got by since */
+} part_begin;
+
+/* As it has ended, before it is run again. */
+typedef struct part_end {
+    double *u, *d;                   /* (nodes x 3) [m] */
+    float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* (blocks) */
+    holds held;
+    pliant_tool tools[PLIANT_MAX_TOOLS];
+    pliant_contacts points;
+    pliant_statistics told;
+    int32_t made;
+} part_end;
 
 /* What a frame began with, of the stages from contact to upsample; and what its parts have told. */
 struct pliant_frame_begin {
     bool kept;                       /* the frame is run in parts */
+    int32_t again;                   /* so many of them were run again */
     int32_t room_nodes, room_blocks;
     double *positions, *u, *d;       /* (nodes x 3) */
     float (*memory)[6 * PLIANT_PRONY_TERMS][LANES]; /* (blocks) */
-    double target[PLIANT_MAX_TOOLS][3], passed[PLIANT_MAX_TOOLS][3], passed_target[PLIANT_MAX_TOOLS][3], passed_step;
+    holds held;
     int32_t substeps;
     pliant_contact_kept contact;
     pliant_contacts told, merged;    /* forces times the share of the frame [N]; room for the next ones */
+    part_begin part;
+    part_end end;
 };
+
+static void take_holds(const pliant_tled *tled, holds *out)
+{
+    memcpy(out->target, tled->target, sizeof out->target);
+    memcpy(out->passed, tled->passed, sizeof out->passed);
+    memcpy(out->passed_target, tled->passed_target, sizeof out->passed_target);
+    out->passed_step = tled->passed_step;
+}
+
+static void put_holds(const holds *from, pliant_tled *tled)
+{
+    memcpy(tled->target, from->target, sizeof tled->target);
+    memcpy(tled->passed, from->passed, sizeof tled->passed);
+    memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
+    tled->passed_step = from->passed_step;
+}
 
 /* false: there is no memory for it */
 static bool reserve(struct pliant_frame_begin *begin, int32_t nodes, int32_t blocks)
 {
-    double **const rooms[] = {&begin->positions, &begin->u, &begin->d};
-    for (int r = 0; r < 3 && nodes > begin->room_nodes; r++) {
+    double **const rooms[] = {&begin->positions, &begin->u, &begin->d, &begin->part.positions, &begin->end.u, &begin->end.d};
+    for (int r = 0; r < 6 && nodes > begin->room_nodes; r++) {
         double *made = pliant_resize(*rooms[r], (size_t)nodes, 3 * sizeof *made);
         if (!made) return false;
         *rooms[r] = made;
@@ -36,6 +83,8 @@ static bool reserve(struct pliant_frame_begin *begin, int32_t nodes, int32_t blo
     void *made = pliant_resize(begin->memory, (size_t)blocks, sizeof *begin->memory);
     if (!made) return false;
     begin->memory = made;
+    if (!(made = pliant_resize(begin->end.memory, (size_t)blocks, sizeof *begin->end.memory))) return false;
+    begin->end.memory = made;
     begin->room_blocks = blocks;
     return true;
 }
@@ -52,12 +101,10 @@ static bool keep(pliant_data *data)
     memcpy(begin->u, tled->u, 3 * nodes * sizeof *tled->u);
     memcpy(begin->d, tled->d, 3 * nodes * sizeof *tled->d);
     if (blocks > 0) memcpy(begin->memory, tled->memory, blocks * sizeof *tled->memory);
-    memcpy(begin->target, tled->target, sizeof begin->target);
-    memcpy(begin->passed, tled->passed, sizeof begin->passed);
-    memcpy(begin->passed_target, tled->passed_target, sizeof begin->passed_target);
-    begin->passed_step = tled->passed_step;
+    take_holds(tled, &begin->held);
     begin->substeps = tled->substeps;
     begin->told.count = 0;
+    begin->again = 0;
     return true;
 }
 
@@ -80,10 +127,7 @@ void pliant_frame_undo(const pliant_model *model, pliant_data *data)
     memcpy(tled->u, begin->u, 3 * nodes * sizeof *tled->u);
     memcpy(tled->d, begin->d, 3 * nodes * sizeof *tled->d);
     if (tled->memory) memcpy(tled->memory, begin->memory, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
-    memcpy(tled->target, begin->target, sizeof tled->target);
-    memcpy(tled->passed, begin->passed, sizeof tled->passed);
-    memcpy(tled->passed_target, begin->passed_target, sizeof tled->passed_target);
-    tled->passed_step = begin->passed_step;
+    put_holds(&begin->held, tled);
     begin_anew(tled);
     for (size_t n = 0; n < 3 * nodes; n++) tled->d[n] *= (double)begin->substeps / tled->substeps; /* sub-steps may have been halved on the way */
     pliant_contact_undo(&begin->contact, data);
@@ -123,6 +167,124 @@ void pliant_frame_part_begin(const pliant_model *model, pliant_data *data)
     else if (first) begin_anew(tled);
     data->parts = (int32_t)fmax(1, round((double)tled->substeps / pliant_tled_part_steps(tled)));
     if (pliant_tled_in_parts(tled)) go(model, data, tled->made + tled->part);
+}
+
+void pliant_frame_part_found(pliant_data *data)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    if (data->tled) data->tled->firm = false;
+    if (!data->tled || !begin) return;
+    part_begin *part = &begin->part;
+    part->kept = begin->kept && begin->again < MOST && pliant_contacts_copy(&data->contacts, &part->points) == PLIANT_OK;
+    if (!part->kept) return;
+    memcpy(part->positions, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *part->positions);
+    memcpy(part->tools, data->tools, sizeof part->tools);
+    take_holds(data->tled, &part->held);
+    part->made = data->tled->made;
+    part->substeps = data->tled->substeps;
+    part->error = data->statistics.error;
+}
+
+/* false: there is no memory for it */
+static bool keep_end(const pliant_data *data, part_end *end)
+{
+    const pliant_tled *tled = data->tled;
+    const size_t nodes = (size_t)data->body->fine.num_nodes;
+    if (pliant_contacts_copy(&data->contacts, &end->points) != PLIANT_OK) return false;
+    memcpy(end->u, tled->u, 3 * nodes * sizeof *tled->u);
+    memcpy(end->d, tled->d, 3 * nodes * sizeof *tled->d);
+    if (tled->memory) memcpy(end->memory, tled->memory, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
+    take_holds(tled, &end->held);
+    memcpy(end->tools, data->tools, sizeof end->tools);
+    end->told = data->statistics;
+    end->made = tled->made;
+    return true;
+}
+
+/* As it had ended before it was run again. Errors: of a backend that cannot go on from there. */
+static pliant_status go_to_end(const pliant_model *model, pliant_data *data)
+{
+    struct pliant_frame_begin *begin = data->frame_begin;
+    part_end *end = &begin->end;
+    pliant_tled *tled = data->tled;
+    const size_t nodes = (size_t)data->body->fine.num_nodes;
+    memcpy(tled->u, end->u, 3 * nodes * sizeof *tled->u);
+    memcpy(tled->d, end->d, 3 * nodes * sizeof *tled->d);
+    if (tled->memory) memcpy(tled->memory, end->memory, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
+    put_holds(&end->held, tled);
+    memcpy(data->tools, end->tools, sizeof end->tools);
+    pliant_contacts_exchange(&data->contacts, &end->points);
+    pliant_statistics *now = &data->statistics;
+    now->error = end->told.error;
+    now->error_before = end->told.error_before;
+    now->residual = end->told.residual;
+    now->contacts = end->told.contacts;
+    now->penetration = end->told.penetration;
+    tled->made = end->made;
+    tled->firm = begin->part.kept = false;
+    pliant_contact_forget_passed(data);
+    return pliant_backend_restart(model, data);
+}
+
+/* As it began, with points of what has got by. */
+static pliant_status go_to_begin(const pliant_model *model, pliant_data *data)
+{
+    part_begin *part = &data->frame_begin->part;
+    pliant_tled *tled = data->tled;
+    pliant_tled_back(tled);
+    put_holds(&part->held, tled);
+    tled->made = part->made * (tled->substeps / part->substeps); /* they may have been halved on the way */
+    tled->firm = true;
+    memcpy(data->positions, part->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *part->positions);
+    memcpy(data->tools, part->tools, sizeof part->tools);
+    data->statistics.error = part->error;
+    return pliant_backend_restart(model, data);
+}
+
+/* How deep tissue is in a tool, by the points that a part was run with, over how deep that is there; began: as it was where the part began */
+static double deepest(const pliant_data *data, const pliant_contacts *points, const double *positions, bool began)
+{
+    double most = 0;
+    for (int32_t n = 0; n < points->count; n++) {
+        const pliant_contact_point *point = points->point + n;
+        double gap = 0;
+        if (point->kind != PLIANT_OBSTACLE_TOOL) continue;
+        for (int d = 0; d < 3; d++) {
+            gap -= point->normal[d] * (point->place[d] - (began ? point->drift[d] : 0));
+            for (int32_t k = 0; k < point->count; k++) gap += point->weight[k] * point->normal[d] * positions[3 * (size_t)point->node[k] + (size_t)d];
+        }
+        most = fmax(most, -gap / pliant_part_depth(data->tools[point->tool].shape.part + point->part));
+    }
+    return most;
+}
+
+pliant_status pliant_frame_part_gets_by(const pliant_model *model, pliant_data *data, bool *again)
+{
+    const double helps = 0.25, slips = 1.25, out = 0.25; /* of a part's depth: further in, or where it was in before, tissue has not just slipped off, but has no way out */
+    struct pliant_frame_begin *begin = data->frame_begin;
+    *again = false;
+    if (!data->tled || !begin || !begin->part.kept) return PLIANT_OK;
+    part_begin *part = &begin->part;
+    if (data->tled->firm) {
+        part->kept = false;
+        if (!(deepest(data, &data->contacts, data->positions, false) > helps)) return PLIANT_OK;
+        const pliant_status status = go_to_end(model, data);
+        return status == PLIANT_OK ? data->backend->upsample(model, data) : status;
+    }
+    const pliant_contact_start start = {.positions = part->positions, .points = &part->points};
+    const double before = deepest(data, &part->points, part->positions, true), by = pliant_contact_passed(model, data, &start) ? pliant_contact_passed_by(data) : 0;
+    if (!(by > 0 && by < slips && before < out) || !keep_end(data, &begin->end) || pliant_contacts_copy(&part->points, &data->contacts) != PLIANT_OK) {
+        pliant_contact_forget_passed(data);
+        return PLIANT_OK;
+    }
+    begin->again++;
+    *again = true;
+    return go_to_begin(model, data);
+}
+
+bool pliant_frame_part_stays(const pliant_model *model, pliant_data *data)
+{
+    return data->tled && data->tled->firm && go_to_end(model, data) == PLIANT_OK;
 }
 
 /* The points of a part, to those that are told; each as it was last. */
@@ -197,6 +359,12 @@ void pliant_frame_parts_free(pliant_data *data)
     struct pliant_frame_begin *begin = data->frame_begin;
     if (!begin) return;
     pliant_contact_kept_free(&begin->contact);
+    pliant_free(begin->part.points.point);
+    pliant_free(begin->part.positions);
+    pliant_free(begin->end.points.point);
+    pliant_free(begin->end.u);
+    pliant_free(begin->end.d);
+    pliant_free(begin->end.memory);
     pliant_free(begin->told.point);
     pliant_free(begin->merged.point);
     pliant_free(begin->positions);

@@ -305,11 +305,12 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         const pliant_backend *backend = data->backend;
         if (stage == PLIANT_STEP_contact && parts->at == 0) pliant_substeps_begin(model, data, parts);
         if (stage == PLIANT_STEP_contact) pliant_frame_part_begin(model, data);
-        bool wrong = false, more = false;
+        bool wrong = false, more = false, again = false;
         const bool goes_on = !whole && stage >= PLIANT_STEP_contact && stage <= PLIANT_STEP_upsample;
         if (goes_on) take_no_more(data);
         if (stage == PLIANT_STEP_contact && whole) data->statistics.seconds[PLIANT_STEP_patch] = 0;
         pliant_status status = run_stage(model, data, stage, goes_on, parts->patched);
+        if (stage == PLIANT_STEP_solve && status == PLIANT_ERROR_NUMERIC && pliant_frame_part_stays(model, data)) status = PLIANT_OK;
         if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, parts, *caveat, &wrong)) >= 0) *caveat = status;
         data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
         /* the first stages are the host's own */
@@ -320,8 +321,18 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         }
         if (status < 0) return status;
         if (status > 0) *caveat = status;
-        if (stage == PLIANT_STEP_contact) pliant_substeps_found(data, parts);
+        if (stage == PLIANT_STEP_contact) {
+            pliant_substeps_found(data, parts);
+            pliant_frame_part_found(data);
+        }
         if (stage != PLIANT_STEP_upsample) continue;
+        if ((status = pliant_frame_part_gets_by(model, data, &again)) < 0) return status;
+        if (again) {
+            whole = false;
+            *caveat = PLIANT_OK;
+            stage = PLIANT_STEP_solve - 1;
+            continue;
+        }
         if ((status = pliant_frame_part_end(data, &more)) < 0) return status;
         if (wrong && (status = pliant_substeps_again(model, data, parts)) < 0) return status;
         if (wrong || more || pliant_substeps_next(model, data, parts)) {

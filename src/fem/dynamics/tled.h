@@ -101,6 +101,7 @@ struct pliant_tled {
     int32_t substeps;                       /* per frame */
     int32_t made, part;                     /* of a frame that is taken in parts: sub-steps that are done, and those of the next part; 0: all that are left */
     int32_t later[PLIANT_MAX_TOOLS];        /* sub-steps after this part in which a tool that holds, and has jumped, still gets where it is set to */
+    bool firm;                              /* sub-steps that are too long are not halved: it fails */
     int32_t halvings;                       /* of the sub-step that the bounds at rest allow, since nodes moved too fast for that */
     double time_step;                       /* [s] */
     double gravity[3];
@@ -191,6 +192,8 @@ static inline int32_t pliant_tled_part_steps(const pliant_tled *tled)
     return tled->part > 0 && tled->part < left ? tled->part : left;
 }
 static inline bool pliant_tled_in_parts(const pliant_tled *tled) { return pliant_tled_part_steps(tled) < tled->substeps; }
+/* Displacements, increments and what has relaxed are those that the frame or the part of it that was run last began with; that has ended well. */
+void pliant_tled_back(pliant_tled *tled);
 /* One frame, or a part of it: sub-steps, or dynamic relaxation. NUMERIC keeps the state before it. What is told of tools and contacts: of tools the mean since
  * the frame began, of contacts that of the part. */
 void pliant_tled_set_positions(pliant_tled *tled, const double *positions); /* at rest there; fixed nodes stay */

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_HALVINGS = 3, BURST = 64, TRIAL = 8 /* sub-steps by the same number of threads */ };
+enum { MOST_HALVINGS = 3 /* in a frame */, ALL_HALVINGS = 10, BURST = 64, TRIAL = 8 /* sub-steps by the same number of threads */ };
 
 pliant_tled_scheme pliant_tled_scheme_of(double dt, double alpha)
 {
@@ -199,6 +199,18 @@ static void keep(pliant_tled *tled, bool back)
         memcpy(back ? tled->memory : tled->kept_memory, back ? tled->kept_memory : tled->memory, blocks * sizeof *tled->memory);
 }
 
+void pliant_tled_back(pliant_tled *tled)
+{
+    double *const u = tled->u, *const d = tled->d;
+    float(*const memory)[6 * PLIANT_PRONY_TERMS][LANES] = tled->memory;
+    tled->u = tled->kept_u;
+    tled->d = tled->kept_d;
+    tled->memory = tled->kept_memory;
+    tled->kept_u = u;
+    tled->kept_d = d;
+    tled->kept_memory = memory;
+}
+
 void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
 {
     const pliant_tled_system *system = tled->system;
@@ -312,7 +324,7 @@ pliant_status pliant_tled_step_by(pliant_tled_runner runner, void *with, pliant_
             return !system->quasi_static || frame.settled ? PLIANT_OK : PLIANT_NOT_CONVERGED;
         }
         if (system->quasi_static) pliant_tled_stop_motion(tled);
-        if (system->quasi_static || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS) {
+        if (system->quasi_static || tled->firm || tled->time_step > fmin(system->edge_bound, system->eigenvalue_bound) || halvings == MOST_HALVINGS || tled->halvings >= ALL_HALVINGS) {
             status = diverged(tled, frame.steps);
         } else {
             halve(tled);
