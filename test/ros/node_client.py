@@ -71,7 +71,8 @@ class Launch:
     def __init__(self, name, **arguments):
         command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
         self.output = tempfile.TemporaryFile("w+", errors="replace")
-        self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT)
+        unbuffered = dict(os.environ, PYTHONUNBUFFERED="1")  # what roslaunch prints to a file would come as it ends
+        self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT, env=unbuffered)
 
     def said(self):
         size = os.fstat(self.output.fileno()).st_size
