@@ -394,6 +394,18 @@ static double deep_in_tool(const pliant_data *data, const pliant_contact_point *
     return -gap_of(point, data->positions) / pliant_part_depth(data->tools[point->tool].shape.part + point->part);
 }
 
+double pliant_contact_deepest(const pliant_data *data, const pliant_contacts *points, const double *positions, bool began)
+{
+    double most = 0;
+    for (int32_t n = 0; n < points->count; n++) {
+        const pliant_contact_point *point = points->point + n;
+        if (point->kind != PLIANT_OBSTACLE_TOOL) continue;
+        const double gap = gap_of(point, positions) + (began ? dot(point->normal, point->drift) : 0);
+        most = fmax(most, -gap / pliant_part_depth(data->tools[point->tool].shape.part + point->part));
+    }
+    return most;
+}
+
 /* A piece that has been touched only now may get to the ground, too. */
 static void add_walls(pliant_data *data, pliant_contacts *points)
 {

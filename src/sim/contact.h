@@ -27,6 +27,8 @@ void pliant_contact_forget_passed(pliant_data *data);
 double pliant_contact_passed_by(const pliant_data *data);
 /* The most that a tool with a shape turns in the step, of what can be followed; one that has jumped turns nothing on its way. */
 double pliant_contact_turn(const pliant_model *model, const pliant_data *data);
+/* Over all of these points, the most of how deep one is in a tool, over how deep that is. began: where tools were as the step, or the part of a frame, began */
+double pliant_contact_deepest(const pliant_data *data, const pliant_contacts *points, const double *positions, bool began);
 /* Over points that the coarse model has to hold beside patches, the most of how deep one is in a tool, over how deep that is. */
 double pliant_contact_deep_beside_patch(const pliant_data *data);
 /* Whether a piece that has come off, and lies free, is in a tool by more than a tenth of that's depth, with pieces where the forces of now take them: in `start` it gives way less there now. */

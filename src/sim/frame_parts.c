@@ -241,23 +241,6 @@ static pliant_status go_to_begin(const pliant_model *model, pliant_data *data)
     return pliant_backend_restart(model, data);
 }
 
-/* How deep tissue is in a tool, by the points that a part was run with, over how deep that is there; began: as it was where the part began */
-static double deepest(const pliant_data *data, const pliant_contacts *points, const double *positions, bool began)
-{
-    double most = 0;
-    for (int32_t n = 0; n < points->count; n++) {
-        const pliant_contact_point *point = points->point + n;
-        double gap = 0;
-        if (point->kind != PLIANT_OBSTACLE_TOOL) continue;
-        for (int d = 0; d < 3; d++) {
-            gap -= point->normal[d] * (point->place[d] - (began ? point->drift[d] : 0));
-            for (int32_t k = 0; k < point->count; k++) gap += point->weight[k] * point->normal[d] * positions[3 * (size_t)point->node[k] + (size_t)d];
-        }
-        most = fmax(most, -gap / pliant_part_depth(data->tools[point->tool].shape.part + point->part));
-    }
-    return most;
-}
-
 pliant_status pliant_frame_part_gets_by(const pliant_model *model, pliant_data *data, bool *again)
 {
     const double helps = 0.25, slips = 1.25, out = 0.25; /* of a part's depth: further in, or where it was in before, tissue has not just slipped off, but has no way out */
@@ -267,12 +250,12 @@ pliant_status pliant_frame_part_gets_by(const pliant_model *model, pliant_data *
     part_begin *part = &begin->part;
     if (data->tled->firm) {
         part->kept = false;
-        if (!(deepest(data, &data->contacts, data->positions, false) > helps)) return PLIANT_OK;
+        if (!(pliant_contact_deepest(data, &data->contacts, data->positions, false) > helps)) return PLIANT_OK;
         const pliant_status status = go_to_end(model, data);
         return status == PLIANT_OK ? data->backend->upsample(model, data) : status;
     }
     const pliant_contact_start start = {.positions = part->positions, .points = &part->points};
-    const double before = deepest(data, &part->points, part->positions, true), by = pliant_contact_passed(model, data, &start) ? pliant_contact_passed_by(data) : 0;
+    const double before = pliant_contact_deepest(data, &part->points, part->positions, true), by = pliant_contact_passed(model, data, &start) ? pliant_contact_passed_by(data) : 0;
     if (!(by > 0 && by < slips && before < out) || !keep_end(data, &begin->end) || pliant_contacts_copy(&part->points, &data->contacts) != PLIANT_OK) {
         pliant_contact_forget_passed(data);
         return PLIANT_OK;
