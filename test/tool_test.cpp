@@ -46,6 +46,23 @@ TEST_F(Tool, ANameThatIsTooLongIsRefusedAndNotAddedAgain)
     EXPECT_EQ(body.data->num_tools, 1);
 }
 
+TEST_F(Tool, APoseNeedsARotationAndADriveIsOneOfThree)
+{
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);
+    const double tip[3] = {0.05, 0.06, 0.09}, other[3] = {0.01, 0.02, 0.03}, turned[4] = {0, 0, 2, 0};
+    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, turned), PLIANT_OK);
+    const double wrong[3][4] = {{0, 0, 0, 0}, {1e-200, 0, 0, 0}, {1e200, 0, 0, 1}};
+    for (const double *rotation : wrong) {
+        EXPECT_EQ(pliant_tool_set_pose(body.data, tool, other, rotation), PLIANT_ERROR_ARGUMENT);
+        EXPECT_NE(std::string(pliant_last_error()).find("rotation of tool hook"), std::string::npos) << pliant_last_error();
+    }
+    pliant_tool_state state;
+    ASSERT_EQ(pliant_tool_get(body.data, tool, &state), PLIANT_OK);
+    EXPECT_TRUE(std::equal(tip, tip + 3, state.tip) && std::equal(turned, turned + 4, state.rotation));
+    EXPECT_EQ(pliant_tool_set_drive(body.data, tool, static_cast<pliant_drive>(3), nullptr), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("spring (0), rigid (1) or force (2)"), std::string::npos) << pliant_last_error();
+}
+
 TEST_F(Tool, GraspingWhatIsFixedSaysSo)
 {
     ASSERT_EQ(pliant_tool_add(body.model, body.data, "hook", &tool), PLIANT_OK);

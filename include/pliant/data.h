@@ -115,9 +115,10 @@ PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_dat
 /** Another simulation of the model that goes on from where this one is: tissue and what moves in it, cuts and what can be undone, pieces that
  *  have come off, tools with their holds and blades, gravity, limits, statistics. What only makes the next steps faster (factors, what the
  *  solver has learned) begins anew, and there is no deformed volume until it is asked for. Of two copies the same steps give the same bits.
- *  Errors: MEMORY, NUMERIC, SCENE. */
+ *  Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (of another model). */
 PLIANT_API pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out);
-/** This simulation becomes a copy of another one of its model, which stays as it is; its deformed volume follows. To be able to go back: copy
+/** This simulation becomes a copy of another one of its model, which stays as it is; its deformed volume follows. Both must be of the same
+ *  pliant_model. A second model is another one, even if it has the same scan and scene. To be able to go back: copy
  *  it, take that copy at once, and again whenever it is to go back; the same bits follow each time. Errors (as it was before): as of pliant_data_copy. */
 PLIANT_API pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from);
 
@@ -190,7 +191,7 @@ PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *dat
 
 /** A tool of this name, added if there is room. *index stays valid. Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
 PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
-/** @param rotation Nullable: identity. Errors: ARGUMENT (not finite), the tool stays where it was. */
+/** @param rotation Nullable: identity. Errors: ARGUMENT (not finite, or a rotation of length 0), the tool stays where it was. */
 PLIANT_API pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
 /** Copied. Errors: ARGUMENT (no such tool). */
 PLIANT_API pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out);

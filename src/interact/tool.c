@@ -50,6 +50,11 @@ pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip
     if (!rotation) rotation = identity;
     if (!finite3(tip) || !finite3(rotation) || !isfinite(rotation[3]))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "the pose of tool %s is not finite", data->tools[tool].name);
+    double size = 0;
+    for (int d = 0; d < 4; d++) size += rotation[d] * rotation[d];
+    if (!(size > 0) || !isfinite(size))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "the rotation of tool %s is (%g %g %g %g), no quaternion x y z w of a rotation; (0 0 0 1) turns nothing",
+                           data->tools[tool].name, rotation[0], rotation[1], rotation[2], rotation[3]);
     memcpy(data->tools[tool].tip, tip, sizeof data->tools[tool].tip);
     memcpy(data->tools[tool].rotation, rotation, sizeof data->tools[tool].rotation);
     data->tools[tool].present = true;
@@ -88,6 +93,9 @@ pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive dr
 {
     pliant_status status = check_tool(data, tool);
     if (status != PLIANT_OK) return status;
+    if (drive != PLIANT_DRIVE_SPRING && drive != PLIANT_DRIVE_RIGID && drive != PLIANT_DRIVE_FORCE)
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: drive %d; use spring (%d), rigid (%d) or force (%d)", data->tools[tool].name, (int)drive,
+                           PLIANT_DRIVE_SPRING, PLIANT_DRIVE_RIGID, PLIANT_DRIVE_FORCE);
     if (drive == PLIANT_DRIVE_FORCE && (!force || !finite3(force)))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: driving by force needs a finite force", data->tools[tool].name);
     data->tools[tool].drive = drive;

@@ -42,6 +42,9 @@ const char *pliant_fixed_plane_check(const pliant_fixed_plane *plane, char *reas
 /* Whether any option of these groups (NULL at the end) is not at its default; their names, "a/b, a/c". */
 bool pliant_scene_changed(const pliant_scene *scene, const char *const *groups, char *names, size_t size);
 
+/* Whether any option has another value in the other scene; names: "group/name differs, group/name differs". */
+bool pliant_scene_differs(const pliant_scene *scene, const pliant_scene *other, char *names, size_t size);
+
 void pliant_option_set_default(const pliant_option *option, pliant_scene *scene);
 
 #endif

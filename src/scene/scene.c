@@ -100,6 +100,22 @@ static bool same_value(const pliant_option *option, const pliant_scene *a, const
     return true;
 }
 
+static size_t append_name(const pliant_option *option, const char *words, char *names, size_t length, size_t size)
+{
+    if (length >= size) return length;
+    return length + (size_t)snprintf(names + length, size - length, "%s%s/%s%s", length ? ", " : "", option->group, option->name, words);
+}
+
+bool pliant_scene_differs(const pliant_scene *scene, const pliant_scene *other, char *names, size_t size)
+{
+    size_t count, length = 0;
+    const pliant_option *options = pliant_option_table(&count);
+    names[0] = '\0';
+    for (size_t i = 0; i < count; ++i)
+        if (!same_value(&options[i], scene, other)) length = append_name(&options[i], " differs", names, length, size);
+    return length > 0;
+}
+
 bool pliant_scene_changed(const pliant_scene *scene, const char *const *groups, char *names, size_t size)
 {
     size_t count, length = 0;
@@ -109,8 +125,8 @@ bool pliant_scene_changed(const pliant_scene *scene, const char *const *groups, 
     names[0] = '\0';
     for (; *groups; ++groups)
         for (size_t i = 0; i < count; ++i) {
-            if (strcmp(options[i].group, *groups) != 0 || same_value(&options[i], scene, &defaults) || length >= size) continue;
-            length += (size_t)snprintf(names + length, size - length, "%s%s/%s", length ? ", " : "", options[i].group, options[i].name);
+            if (strcmp(options[i].group, *groups) != 0 || same_value(&options[i], scene, &defaults)) continue;
+            length = append_name(&options[i], "", names, length, size);
         }
     return length > 0;
 }

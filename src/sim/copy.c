@@ -6,6 +6,7 @@
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
+#include "scene/options.h"
 #include "sim/contact.h"
 #include "sim/cut.h"
 #include "sim/held.h"
@@ -70,9 +71,20 @@ static pliant_status copy_undo(const pliant_undo *from, int32_t room, pliant_und
     return PLIANT_OK;
 }
 
+/* Meshes, voxels and factors are shared with the model by address: even a model of the same scene has others. */
+static pliant_status check_model(const pliant_model *model, const pliant_data *from)
+{
+    if (from->model == model) return PLIANT_OK;
+    char names[256];
+    const bool differ = pliant_scene_differs(&model->scene, &from->model->scene, names, sizeof names);
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "the state is of another model (%s): build the model once, and create both simulations from it",
+                       differ ? names : "of the same options");
+}
+
 static pliant_status copy_for(const pliant_model *model, pliant_data *from, pliant_account *account, pliant_data **out)
 {
     pliant_data *to = NULL;
+    if (check_model(model, from) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
     if (from->backend->download) from->backend->download(model, from);
     pliant_status status = pliant_data_create_for(model, account, &to);
     if (status != PLIANT_OK) return status;
@@ -105,6 +117,7 @@ pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pli
 
 pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from)
 {
+    if (check_model(model, data) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
     pliant_data *made = NULL;
     pliant_warp_next *warp = NULL;
     pliant_account *before = pliant_held_begin(data);

@@ -27,6 +27,7 @@ void pliant_undo_clear(pliant_data *data)
 
 static pliant_status fill(const pliant_model *model, pliant_data *data)
 {
+    data->model = model;
     data->body = pliant_body_retain(model->body);
     data->discretization = pliant_discretization_retain(model->discretization);
     data->last_revision = data->body->revision;

@@ -107,6 +107,7 @@ typedef struct pliant_falling pliant_falling; /* where pieces are that have come
 typedef struct pliant_tled pliant_tled; /* displacements, increments, sub-steps of explicit dynamics (src/fem) */
 
 struct pliant_data {
+    const pliant_model *model; /* that it was created for, which outlives it */
     pliant_account *account;  /* of what it holds; shared with a state that takes its place */
     /* BODY */
     const pliant_body *body;  /* what is true now; at first, and after a reset, the model's */

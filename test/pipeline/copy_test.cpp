@@ -136,6 +136,31 @@ const Case all[] = {direct,
                     {"tled", [](pliant_scene &scene) { dynamics(scene, false); }}};
 INSTANTIATE_TEST_SUITE_P(Every, Copies, testing::ValuesIn(all), [](const testing::TestParamInfo<Case> &each) { return each.param.name; });
 
+TEST(Copy, AStateOfAnotherModelIsRefused)
+{
+    std::unique_ptr<Body> body = hang(direct);
+    begin(*body, body->data);
+    const std::vector<double> was(body->data->positions, body->data->positions + 3 * body->data->body->fine.num_nodes);
+    const std::pair<Case, std::string> others[] = {
+        {{"cut/kind", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_NONE; }}, "cut/kind differs"},
+        {{"tled", [](pliant_scene &scene) { dynamics(scene, false); }}, "solver/kind differs"},
+        {{"averaged", [](pliant_scene &scene) { coarse(scene, 0); }}, "model/method differs"},
+        {{"same", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }}, "of the same options"}};
+    for (const auto &each : others) {
+        std::unique_ptr<Body> other = hang(each.first);
+        step(*other, other->data, 1);
+        pliant_data *copy = nullptr;
+        EXPECT_EQ(pliant_data_take(body->model, body->data, other->data), PLIANT_ERROR_ARGUMENT);
+        EXPECT_NE(std::string(pliant_last_error()).find(each.second), std::string::npos) << pliant_last_error();
+        EXPECT_EQ(pliant_data_take(other->model, body->data, other->data), PLIANT_ERROR_ARGUMENT);
+        EXPECT_EQ(pliant_data_copy(other->model, body->data, &copy), PLIANT_ERROR_ARGUMENT);
+        EXPECT_EQ(copy, nullptr);
+        step(*other, other->data, 1);
+    }
+    EXPECT_EQ(std::vector<double>(body->data->positions, body->data->positions + was.size()), was);
+    step(*body, body->data, 1);
+}
+
 TEST(Copy, WithoutMemoryNothingChanges)
 {
     std::unique_ptr<Body> body = hang(direct);
