@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """pliant.py against the library: what it tells, what it refuses, the same bits, several at once."""
+import copy
 import os
 import pathlib
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -293,6 +295,179 @@ class Python(unittest.TestCase):
             for name in ("rest", "pulled", "cut", "rest_slice", "pulled_slice", "cut_slice", "radiograph"):
                 with open(os.path.join(folder, name + ".png"), "rb") as file:
                     self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
+
+    def test_every_function_of_a_closed_simulation_raises(self):
+        sim = pliant.Sim(model=self.cuts)
+        tool = pull(sim)
+        nodes, volume, contacts, state = sim.nodes, sim.volume(), sim.contacts, tool.state
+        sim.render(np.eye(3) * [100, 100, 1], pliant.look_at(LIVER + [0, -0.2, 0], LIVER), (8, 8))
+        kept = [array.copy() for array in (nodes, volume.values, state["tip"])]
+        other = pliant.Sim(model=self.cuts)
+        sim.close()
+        sim.close()
+        self.assertIs(sim.model, self.cuts)
+        calls = {"limits": (4, 1e-3), "restore": (other,), "scalar": ("von_mises",), "cut": ([LIVER, LIVER + 0.01], [0, 0.05, 0]), "move": (LIVER,), "drive": ("spring",),
+                 "spring": (100.0,), "radius": (0.01,), "blade": ("scalpel",), "shape": ("probe",), "jaw": (0.1,), "radiograph": (LIVER,),
+                 "render": (np.eye(3) * [100, 100, 1], pliant.look_at(LIVER + [0, -0.2, 0], LIVER))}
+        tested = 0
+        for of, names in ((sim, vars(pliant.Sim)), (tool, vars(pliant.Tool))):
+            for name in names:
+                if name.startswith("_") or name in ("close", "model", "styles", "drives"):
+                    continue
+                with self.assertRaisesRegex(pliant.Error, "this simulation is closed", msg=name):
+                    member = getattr(of, name)
+                    member(*calls.get(name, ()))
+                tested += 1
+        self.assertEqual(tested, 45)
+        for name, value in (("nodes", nodes), ("gravity", [0, 0, 0])):
+            with self.assertRaisesRegex(pliant.Error, "this simulation is closed"):
+                setattr(sim, name, value)
+        for call in (lambda: other.restore(sim), lambda: copy.copy(sim), lambda: copy.deepcopy(tool)):
+            with self.assertRaisesRegex(pliant.Error, "closed"):
+                call()
+        for array, was in zip((nodes, volume.values, state["tip"]), kept):  # copies
+            self.assertTrue(np.array_equal(array, was))
+        self.assertEqual(len(contacts.of(0)), 0)
+        self.assertTrue(other.step())
+
+    def test_a_simulation_that_another_thread_steps_is_closed_after_the_step(self):
+        sim, seen = pliant.Sim(model=self.model), []
+        pull(sim)
+
+        def go_on():
+            try:
+                while True:
+                    sim.step()
+            except pliant.Error as error:
+                seen.append(str(error))
+        thread = threading.Thread(target=go_on)
+        thread.start()
+        for _ in range(50):
+            self.assertEqual(len(sim.nodes), len(sim.rest))
+        sim.close()
+        thread.join(10)
+        self.assertRegex(" ".join(seen), "closed")
+
+    def test_a_state_of_another_model_is_refused(self):
+        sim = pliant.Sim(model=self.cuts)
+        pull(sim)
+        sim.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
+        sim.step()
+        before, severed = sim.nodes, dict(SMALL, **{"cut/kind": "sever"})
+        for scan, options, named in ((SCAN, SMALL, "cut/kind differs"), (SCAN, dict(SMALL, **{"cut/kind": "subdivide"}), "cut/kind differs"),
+                                     (SCAN, dict(severed, **{"solver/kind": "tled"}), "solver/kind differs"),
+                                     (SCAN, dict(severed, **{"model/method": "averaged", "mesh/ratio": 2}), "mesh/ratio differs.*model/method differs|model/method differs.*mesh/ratio differs"),
+                                     ("phantom:48x38x36", severed, "of the same options"), (SCAN, severed, "of the same options")):
+            other = pliant.Sim(scan=scan, options=options)
+            if "cut/kind" in options:
+                other.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
+            other.step()
+            for one, state in ((sim, other.save()), (other, sim)):
+                with self.assertRaisesRegex(pliant.Error, "of another model.*(%s)" % named):
+                    one.restore(state)
+            other.step()
+            other.volume()
+        self.assertTrue(np.array_equal(sim.nodes, before))
+        sim.step()
+        sim.volume()
+        for wrong in (None, 3, "saved", self.cuts):
+            with self.assertRaises(TypeError):
+                sim.restore(wrong)
+
+    def test_tools_of_a_restored_state_keep_their_names(self):
+        sims = [pliant.Sim(model=self.model) for _ in range(2)]
+        for sim, names in zip(sims, (("left", "right"), ("right", "left"))):
+            for n, name in enumerate(names):
+                sim.tool(name).move([0.1 * n, 0, 0])
+        left, late = sims[0].tool("left"), sims[0].tool("late")
+        sims[0].restore(sims[1])
+        self.assertEqual([left.state["name"], left.state["tip"][0]], ["left", 0.1])
+        with self.assertRaisesRegex(pliant.Error, "no tool late"):
+            late.move(LIVER)
+        sims[0].tool("other").move(LIVER)
+        with self.assertRaisesRegex(pliant.Error, "no tool late"):
+            late.force
+        sims[0].tool("late")
+        late.move(LIVER)
+        self.assertEqual(late.state["name"], "late")
+
+    def test_copies_are_simulations_and_nothing_is_pickled(self):
+        sim = pliant.Sim(model=self.cuts)
+        tool = pull(sim)
+        sim.cut([LIVER + [-0.05, -0.07, 0], LIVER + [0.05, -0.07, 0]], [0, 0.06, 0])
+        both = copy.deepcopy({"sim": sim, "tool": tool})
+        copies = [copy.copy(sim), copy.deepcopy(sim), both["sim"]]
+        for each in copies:
+            self.assertIs(each.model, sim.model)
+            self.assertTrue(np.array_equal(each.nodes, sim.nodes))
+        before = sim.nodes
+        both["tool"].move(LIVER + [0, -0.02, 0])
+        both["sim"].step()
+        self.assertFalse(np.array_equal(both["sim"].nodes, before))
+        self.assertTrue(np.array_equal(sim.nodes, before))
+        self.assertTrue(np.array_equal(copies[0].nodes, before))
+        self.assertFalse(np.array_equal(copy.copy(tool).state["tip"], both["tool"].state["tip"]))
+        sim.close()
+        copies[0].step()
+        self.assertIs(copy.deepcopy(self.model), self.model)
+        for each in (copies[0], copies[0].tool("forceps"), self.model):
+            with self.assertRaisesRegex(pliant.Error, "cannot be pickled"):
+                pickle.dumps(each)
+        with self.assertRaises(pliant.Error) as raised:
+            sim.step()
+        again = pickle.loads(pickle.dumps(raised.exception))
+        self.assertEqual([str(again), again.status], [str(raised.exception), -1])
+        self.assertTrue(np.array_equal(pickle.loads(pickle.dumps(copies[0].volume())).values, copies[0].volume().values))
+
+    def test_a_failed_grasp_leaves_a_tool_without_a_pose(self):
+        sim = pliant.Sim(model=self.model)
+        tool = sim.tool()
+        for point in ([0, -0.36, 0.063], [np.nan, 0, 0], [60, 60, 60]):
+            with self.assertRaises(pliant.Error):
+                tool.grasp(point)
+            self.assertFalse(tool.state["present"])
+        tool.grasp(LIVER)
+        tool.move(LIVER)
+        sim.step()
+        self.assertLess(np.abs(sim.nodes - sim.rest).max(), 1e-9)
+        self.assertLess(np.abs(tool.force).max(), 1e-6)
+        tool.release()
+        tool.move(LIVER + 0.001)
+        with self.assertRaises(pliant.Error):
+            tool.grasp([0, -0.36, 0.063])
+        np.testing.assert_array_equal(tool.state["tip"], LIVER + 0.001)  # a tool with a pose keeps it
+
+    def test_values_that_are_out_of_range_are_named(self):
+        sim = pliant.Sim(model=self.model)
+        tool = pull(sim)
+        before = tool.state
+        for rotation in ([0, 0, 0, 0], [1e-200] * 4, [1e200] * 4, [0, 0, np.nan, 1]):
+            with self.assertRaisesRegex(pliant.Error, "rotation|finite"):
+                tool.move(LIVER, rotation)
+        with self.assertRaisesRegex(ValueError, "'glue'.*spring, rigid, force"):
+            tool.drive("glue")
+        with self.assertRaisesRegex(pliant.Error, "finite force"):
+            tool.drive("force")
+        with self.assertRaisesRegex(ValueError, "1 to 16384 pixels"):
+            sim.radiograph(LIVER, size=(0, 10))
+        camera = np.eye(3) * [100, 100, 1], pliant.look_at(LIVER + [0, -0.2, 0], LIVER), (8, 8)
+        with self.assertRaisesRegex(ValueError, "'num_colours'.*threshold"):
+            sim.render(*camera, num_colours=1000)
+        with self.assertRaisesRegex(ValueError, "1 to 16 rows"):
+            sim.render(*camera, colours=np.zeros((17, 4)))
+        with self.assertRaisesRegex(TypeError, "expected a Model, not str"):
+            pliant.Sim(model="scene.yaml")
+        with self.assertRaises(ZeroDivisionError):
+            pliant.Model(scan=SCAN, options=SMALL, progress=lambda fraction, stage: 1 / 0)
+        after = tool.state
+        for name in before:
+            np.testing.assert_array_equal(after[name], before[name])
+
+    def test_random_calls_raise_and_never_crash(self):
+        told = subprocess.run([sys.executable, os.path.join(HERE, "python_calls.py"), "1", "1500"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                              universal_newlines=True, timeout=300)
+        self.assertEqual(told.returncode, 0, told.stdout[-4000:])
+        self.assertRegex(told.stdout, r"1500 calls, [1-9]\d+ raised, [1-9]\d+ returned")
 
     def test_what_is_wrong_is_said(self):
         for call, text in ((lambda: pliant.Model(scan="no/such/file.nii"), "no/such/file.nii"),

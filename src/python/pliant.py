@@ -9,11 +9,14 @@
     sim.nodes, forceps.force, sim.error, sim.volume().values
 
 Lengths are metres, forces newtons, axes the patient's (LPS). Arrays are copies: they stay as they are when the simulation goes on. Steps let
-other threads run; several simulations may share one Model, each used by one thread at a time. Needs numpy and libpliant.so, which is looked
-for in $PLIANT_LIBRARY, beside this file and where it is installed, and on the system's path.
+other threads run; several simulations may share one Model. A thread that uses a simulation during another thread's step waits for its end.
+Needs numpy and libpliant.so, which is looked for in $PLIANT_LIBRARY, beside this file and where it is installed, and on the system's path.
 """
 import ctypes
+import functools
+import operator
 import os
+import threading
 import weakref
 
 import numpy as np
@@ -72,20 +75,44 @@ class Model:
             _c.library.pliant_scene_for_shapes(self._scene.address)
         _c.call("scene_check", self._scene.address)
         self._scan, labels, materials = (_c.Struct(of) for of in ("pliant_volume", "pliant_labels", "pliant_material_table"))
-        report = _c.Progress.function_type(lambda fraction, stage, user: progress(fraction, stage.decode()) is not False) if progress else None
-        model = ctypes.c_void_p()
+        raised, model = [], ctypes.c_void_p()
+
+        def ask(fraction, stage, user):
+            try:
+                return progress(fraction, stage.decode()) is not False
+            except BaseException as error:  # C cannot pass it on
+                raised.append(error)
+                return False
+        report = _c.Progress.function_type(ask) if progress else None
         try:
             _c.call("inputs_read", self._scene.address, os.fsencode(scan), self._scan.address, labels.address, materials.address)
             _c.call("model_build", self._scene.address, self._scan.address, labels.address, materials.address,
                   _c.Progress(ctypes.cast(report, ctypes.c_void_p) if report else None, None), ctypes.byref(model))
-        except Error:
+        except BaseException:
             _c.library.pliant_volume_free(self._scan.address)
+            if raised:
+                raise raised[0]
             raise
         finally:
             _c.library.pliant_material_table_free(materials.address)
             _c.library.pliant_labels_free(labels.address)
-        self._model = model.value
-        weakref.finalize(self, _free_model, self._model, self._scan)
+        self._built = [model.value]
+        weakref.finalize(self, _free_model, self._built, self._scan)
+
+    @property
+    def _model(self):
+        if not self._built:
+            raise Error(_c.ARGUMENT, "this model is closed: the interpreter ends")
+        return self._built[0]
+
+    def __copy__(self):
+        return self
+
+    def __deepcopy__(self, memo):
+        return self
+
+    def __reduce__(self):
+        raise Error(_c.ARGUMENT, "a Model cannot be pickled: pass on what it was built from, and build it there")
 
     @property
     def materials(self):
@@ -97,36 +124,74 @@ class Model:
     @property
     def scan(self):
         """The scan that it was built from."""
-        return Volume(_c.library.pliant_model_get_scan(self._model))
+        return _volume_at(_c.library.pliant_model_get_scan(self._model))
 
 
-def _free_model(model, scan):
-    _c.library.pliant_model_free(model)
+def _free_model(built, scan):
+    _c.library.pliant_model_free(built.pop())
     _c.library.pliant_volume_free(scan.address)
 
 
-def _free_data(data, model, warp):  # model: kept until then
-    _c.library.pliant_view_free(warp["view"])
-    if warp["warp"]:
-        _c.library.pliant_warp_free(warp["warp"])
-        _c.library.pliant_body_release(warp["body"])
-    _c.library.pliant_data_free(data)
+class _Held:
+    """What a simulation holds of the library. It is freed once: by close(), or when the Sim is no longer in use."""
+
+    def __init__(self, model, data):
+        self.model, self.data, self.lock = model, data, threading.RLock()
+        self.view = self.warp = self.body = None  # body: retained, of the warp
+
+    def free(self):
+        with self.lock:
+            if self.data is None:
+                return
+            _c.library.pliant_view_free(self.view)
+            _c.library.pliant_warp_free(self.warp)
+            _c.library.pliant_body_release(self.body)
+            _c.library.pliant_data_free(self.data)
+            self.view = self.warp = self.body = self.data = None
+
+
+def _while_open(function):
+    """A function of Sim or Tool that holds the simulation's lock, and raises Error after close()."""
+    @functools.wraps(function)
+    def locked(self, *arguments, **named):
+        held = self._held
+        with held.lock:
+            if held.data is None:
+                raise Error(_c.ARGUMENT, "this simulation is closed: create another one, Sim(model=...)")
+            return function(self, *arguments, **named)
+    return locked
+
+
+def _all_while_open(of):
+    """Wrap every public function and property of a class in _while_open, but for close and model."""
+    for name, member in list(vars(of).items()):
+        if name.startswith("_") or name in ("close", "model"):
+            continue
+        if isinstance(member, property):
+            setattr(of, name, property(_while_open(member.fget), _while_open(member.fset) if member.fset else None, None, member.__doc__))
+        elif callable(member):
+            setattr(of, name, _while_open(member))
+    return of
 
 
 class Volume:
     """A copy of a volume. values[k, j, i] as stored; voxel (i, j, k) lies at origin + direction @ (spacing * (i, j, k))."""
 
-    def __init__(self, address):
-        told = _c.Struct("pliant_volume", address)
-        size = told["geometry.size"]
-        self.values = _c.array(told["voxels"], {1: "B", 2: "h", 3: "f"}[told["encoding"]], *(int(n) for n in size[::-1]))
-        self.origin, self.spacing, self.direction = told["geometry.origin"], told["geometry.spacing"], told["geometry.direction"].reshape(3, 3)
-        self.slope, self.intercept, self.background = told["slope"], told["intercept"], told["background"]
+    def __init__(self, values, origin, spacing, direction, slope=1.0, intercept=0.0, background=0.0):
+        self.values, self.origin, self.spacing, self.direction = values, origin, spacing, direction
+        self.slope, self.intercept, self.background = slope, intercept, background
 
     @property
     def intensities(self):
         """With slope and intercept; of a CT Hounsfield units."""
         return self.slope * self.values.astype(np.float32) + self.intercept
+
+
+def _volume_at(address):
+    told = _c.Struct("pliant_volume", address)
+    values = _c.array(told["voxels"], {1: "B", 2: "h", 3: "f"}[told["encoding"]], *(int(n) for n in told["geometry.size"][::-1]))
+    direction = told["geometry.direction"].reshape(3, 3)
+    return Volume(values, told["geometry.origin"], told["geometry.spacing"], direction, told["slope"], told["intercept"], told["background"])
 
 
 class Cut:
@@ -171,6 +236,14 @@ def look_at(point, at, up=(0, 0, 1)):
     return np.vstack([camera["pose"].reshape(3, 4), (0, 0, 0, 1)])
 
 
+def _whole(size):
+    """Width and height of a picture [pixels]."""
+    width, height = (operator.index(n) for n in size)
+    if not (0 < width <= 16384 and 0 < height <= 16384):
+        raise ValueError("size %s: expected a width and a height of 1 to 16384 pixels" % (size,))
+    return width, height
+
+
 def _camera(K, T, size, near, far):
     camera = _c.Struct("pliant_camera")
     K, T = np.asarray(K, np.float64), np.asarray(T, np.float64)
@@ -184,25 +257,47 @@ def _camera(K, T, size, near, far):
 
 # ---- what moves
 
+@_all_while_open
 class Sim:
-    """A simulation of a model, or of a scene and a scan as Model takes them; ValueError: a model and what only makes one."""
+    """A simulation of a model, or of a scene and a scan as Model takes them; ValueError: a model and what only makes one.
+
+    copy.copy and copy.deepcopy do as copy() does: the copies share the Model. A simulation cannot be pickled."""
 
     def __init__(self, scene=None, scan="phantom", options=None, model=None, progress=None, shapes=False):
-        if model and (scene is not None or options or shapes):
+        if model is not None and (scene is not None or options or shapes):
             raise ValueError("scene, options and shapes are those of the model: give them to Model(...)")
-        self.model = model or Model(scene, scan, options, progress, shapes)
+        if model is not None and not isinstance(model, Model):
+            raise TypeError("model: expected a Model, not %s" % type(model).__name__)
+        if model is None:
+            model = Model(scene, scan, options, progress, shapes)
         data = ctypes.c_void_p()
-        _c.call("data_create", self.model._model, ctypes.byref(data))
-        self._own(data.value)
+        _c.call("data_create", model._model, ctypes.byref(data))
+        self._own(model, data.value, {})
 
-    def _own(self, data):
-        self._data, self._tools, self._warp = data, {}, {"warp": None, "body": None, "view": None}
-        self._free = weakref.finalize(self, _free_data, self._data, self.model, self._warp)
+    def _own(self, model, data, tools):  # tools: numbers by name
+        self._held, self._tools = _Held(model, data), tools
+        weakref.finalize(self, self._held.free)
+
+    @property
+    def _data(self):
+        return self._held.data
+
+    @property
+    def model(self):
+        return self._held.model
 
     def close(self):
-        """Free its memory now; nothing else may be asked of it then."""
-        self._free()
-        self._data = None
+        """Free its memory, after the end of another thread's step. Whatever is asked of it or of its tools then raises Error."""
+        self._held.free()
+
+    def __copy__(self):
+        return self.copy()
+
+    def __deepcopy__(self, memo):
+        return self.copy()
+
+    def __reduce__(self):
+        raise Error(_c.ARGUMENT, "a Sim cannot be pickled: copy() makes another one in this process; pass on the scene and the scan to another process")
 
     # STEPS
     def step(self):
@@ -217,9 +312,7 @@ class Sim:
         """Another simulation that goes on from here."""
         data, other = ctypes.c_void_p(), Sim.__new__(Sim)
         _c.call("data_copy", self.model._model, self._data, ctypes.byref(data))
-        other.model = self.model
-        other._own(data.value)
-        other._tools = {name: Tool(other, tool._index) for name, tool in self._tools.items()}
+        other._own(self.model, data.value, dict(self._tools))
         return other
 
     def save(self):
@@ -229,8 +322,14 @@ class Sim:
         return saved
 
     def restore(self, saved):
-        _c.call("data_take", self.model._model, self._data, saved._data)
-        self._tools = {name: self._tools.get(name) or Tool(self, tool._index) for name, tool in saved._tools.items()}
+        """Become a copy of another simulation of the same Model, with its tools. Error: it is of another Model, even of one of the same scene."""
+        if not isinstance(saved, Sim):
+            raise TypeError("restore: expected what save() returned, not %s" % type(saved).__name__)
+        with saved._held.lock:
+            if saved._data is None:
+                raise Error(_c.ARGUMENT, "restore: the saved simulation is closed")
+            _c.call("data_take", self.model._model, self._data, saved._data)
+            self._tools = dict(saved._tools)
 
     def limits(self, iterations, tolerance):
         _c.call("data_set_limits", self._data, iterations, tolerance)
@@ -335,32 +434,37 @@ class Sim:
 
     def volume(self):
         """The deformed scan, on the scan's own grid. Nothing is drawn until it is asked for, then only what has changed."""
-        body = _c.library.pliant_data_get_body(self._data)
-        model_scan = _c.library.pliant_model_get_drawn(self.model._model)
-        kept = self._warp
-        if not kept["warp"]:
+        body, held = _c.library.pliant_data_get_body(self._data), self._held
+        if not held.warp:
+            scan = _c.library.pliant_model_get_drawn(self.model._model)
             target, warp = _c.Struct("pliant_geometry"), ctypes.c_void_p()
-            _c.call("warp_target", model_scan, None, 0, 0.0, 2 ** 62, target.address)
+            _c.call("warp_target", scan, None, 0, 0.0, 2 ** 62, target.address)
             threads = self.model._scene["solver.threads"] or os.cpu_count()
-            _c.call("warp_create", model_scan, body + _c.layout["pliant_body"]["fine"][1], target.address, threads, ctypes.byref(warp))
-            kept["warp"], kept["body"] = warp.value, _c.library.pliant_body_retain(body)
-            _c.call("warp_set_body", warp, body)
-        if kept["body"] != body:
-            _c.call("warp_set_body", kept["warp"], body)
-            _c.library.pliant_body_release(kept["body"])
-            kept["body"] = _c.library.pliant_body_retain(body)
-        _c.call("warp_update", kept["warp"], _c.library.pliant_data_get_positions(self._data, None))
-        return Volume(_c.library.pliant_warp_volume(kept["warp"]))
+            _c.call("warp_create", scan, body + _c.layout["pliant_body"]["fine"][1], target.address, threads, ctypes.byref(warp))
+            try:
+                _c.call("warp_set_body", warp, body)
+            except Error:
+                _c.library.pliant_warp_free(warp)
+                raise
+            held.warp, held.body = warp.value, _c.library.pliant_body_retain(body)
+        if held.body != body:
+            _c.call("warp_set_body", held.warp, body)
+            _c.library.pliant_body_release(held.body)
+            held.body = _c.library.pliant_body_retain(body)
+        _c.call("warp_update", held.warp, _c.library.pliant_data_get_positions(self._data, None))
+        return _volume_at(_c.library.pliant_warp_volume(held.warp))
 
     # PICTURES
+    styles = ("threshold", "beneath", "ambient", "diffuse", "specular", "background")
+
     def _view(self):
-        kept = self._warp
-        if not kept["view"]:
+        held = self._held
+        if not held.view:
             view = ctypes.c_void_p()
             _c.call("view_create", self.model._model, None, ctypes.byref(view))
-            kept["view"] = view.value
-        _c.call("view_set", kept["view"], _c.library.pliant_data_get_body(self._data), _c.library.pliant_data_get_positions(self._data, None), None)
-        return kept["view"]
+            held.view = view.value
+        _c.call("view_set", held.view, _c.library.pliant_data_get_body(self._data), _c.library.pliant_data_get_positions(self._data, None), None)
+        return held.view
 
     def render(self, K, T, size=(640, 480), near=0.0, far=0.0, **style):
         """What a camera sees of the tissue as it is now.
@@ -368,8 +472,9 @@ class Sim:
         K: (3, 3) intrinsics [pixels]; T: (4, 4) from the camera's axes (x right, y down, z forward) to LPS [m], as look_at makes it; size: width,
         height; near, far: along z [m], tissue at near is cut there and shows the scan. style: threshold=HU, shown=[names of materials] (the
         surface of these alone), colours=[(value, r, g, b), ...], beneath, ambient, diffuse, specular, background."""
-        camera, image = _camera(K, T, size, near, far), _c.Struct("pliant_image")
-        picture, of = Picture(size[1], size[0]), _c.Struct("pliant_style")
+        width, height = _whole(size)
+        camera, image = _camera(K, T, (width, height), near, far), _c.Struct("pliant_image")
+        picture, of = Picture(height, width), _c.Struct("pliant_style")
         _c.call("style_defaults", _c.library.pliant_model_get_scan(self.model._model), of.address)
         if "shown" in style:
             names, wanted = self.model.materials, style.pop("shown")
@@ -377,9 +482,13 @@ class Sim:
             of["shown"] = [int(0 < n <= len(names) and names[n - 1] in wanted) for n in range(256)]
         if "colours" in style:
             colours = np.asarray(style.pop("colours"), np.float64)
+            if colours.ndim != 2 or colours.shape[1] != 4 or not 0 < len(colours) <= 16:
+                raise ValueError("colours: expected 1 to 16 rows of (value, r, g, b), not an array of shape %s" % (colours.shape,))
             of["num_colours"] = len(colours)
             of["colours"] = np.concatenate([colours.ravel(), np.zeros(64 - colours.size)])
         for name, value in style.items():
+            if name not in self.styles:
+                raise ValueError("style %r: one of shown, colours, %s" % (name, ", ".join(self.styles)))
             of[name] = value
         image["rgb"], image["depth"], image["label"] = (array.ctypes.data for array in (picture.rgb, picture.depth, picture.label))
         _c.call("view_render", self._view(), camera.address, of.address, image.address)
@@ -391,12 +500,13 @@ class Sim:
 
         primary, secondary: DICOM's angles of the positioner (LAO, cranial) [rad]; pixel: edge of a detector's pixel [m]; water: attenuation of
         water [1/m], at 60 keV unless it is given."""
+        width, height = _whole(size)
         arm, camera = _c.Struct("pliant_c_arm"), _c.Struct("pliant_camera")
         for name, value in (("isocentre", isocentre), ("source_to_isocentre", source_to_isocentre), ("source_to_detector", source_to_detector),
-                            ("primary_angle", primary), ("secondary_angle", secondary), ("width", size[0]), ("height", size[1]), ("pixel", pixel)):
+                            ("primary_angle", primary), ("secondary_angle", secondary), ("width", width), ("height", height), ("pixel", pixel)):
             arm[name] = value
         _c.call("c_arm_camera", arm.address, camera.address)
-        out = np.zeros((size[1], size[0]), np.float32)
+        out = np.zeros((height, width), np.float32)
         _c.call("view_radiograph", self._view(), camera.address, water, out.ctypes.data)
         return out
 
@@ -418,8 +528,8 @@ class Sim:
         if name not in self._tools:
             index = ctypes.c_int()
             _c.call("tool_add", self.model._model, self._data, name.encode(), ctypes.byref(index))
-            self._tools[name] = Tool(self, index.value)
-        return self._tools[name]
+            self._tools[name] = index.value
+        return Tool(self, name)
 
     @property
     def contacts(self):
@@ -434,13 +544,24 @@ class Sim:
         return self.tool(name).wrench
 
 
+@_all_while_open
 class Tool:
-    """Of a simulation: it has a pose, takes hold, pulls, and cuts where it has a blade."""
+    """Of a simulation: it has a pose, takes hold, pulls, and cuts where it has a blade. Error: restore() took a state that has no tool of its name."""
 
     drives = ("spring", "rigid", "force")
 
-    def __init__(self, sim, index):
-        self._sim, self._index = sim, index
+    def __init__(self, sim, name):
+        self._sim, self._name = sim, name
+
+    @property
+    def _held(self):
+        return self._sim._held
+
+    @property
+    def _index(self):
+        if self._name not in self._sim._tools:
+            raise Error(_c.ARGUMENT, "the restored state has no tool %s: sim.tool(%r) adds it" % (self._name, self._name))
+        return self._sim._tools[self._name]
 
     def _get(self):
         told = _c.Struct("pliant_tool_state")
@@ -456,9 +577,15 @@ class Tool:
     def grasp(self, point=None):
         """Take hold of the tissue at the tip, or of a rest point of the scan [m], where the tip then is if it had no pose."""
         place, address = (None, None) if point is None else _c.numbers(point, 3)
-        if place is not None and not self._get()["present"]:
+        is_placed = place is not None and not self._get()["present"]
+        if is_placed:
             self.move(place)
-        _c.call("tool_grasp", self._sim.model._model, self._sim._data, self._index, address)
+        try:
+            _c.call("tool_grasp", self._sim.model._model, self._sim._data, self._index, address)
+        except Error:
+            if is_placed:
+                self.remove()  # a tool without a pose stays without one
+            raise
 
     def release(self):
         _c.library.pliant_tool_release(self._sim._data, self._index)
@@ -469,6 +596,8 @@ class Tool:
 
     def drive(self, kind, force=None):
         """Of the present hold, after grasp: spring: a damped spring to the tip; rigid: held at the tip; force: this force on the tissue [N]."""
+        if kind not in self.drives:
+            raise ValueError("drive %r: one of %s" % (kind, ", ".join(self.drives)))
         array, address = (None, None) if force is None else _c.numbers(force, 3)
         _c.call("tool_set_drive", self._sim._data, self._index, self.drives.index(kind), address)
 

@@ -1,4 +1,5 @@
 """What pliant.py stands on: libpliant.so by ctypes, and its structs by the layout that it tells itself (include/pliant/layout.h)."""
+import atexit
 import ctypes
 import logging
 import os
@@ -13,6 +14,12 @@ class Error(RuntimeError):
     def __init__(self, status, message):
         super().__init__(message)
         self.status = status
+
+    def __reduce__(self):
+        return type(self), (self.status, str(self))
+
+
+ARGUMENT = -1  # PLIANT_ERROR_ARGUMENT
 
 
 def _open_library():
@@ -158,3 +165,4 @@ _levels = (logging.DEBUG, logging.INFO, logging.WARNING, logging.ERROR)
 _log_type = ctypes.CFUNCTYPE(None, _int, _text, _pointer)
 _log = _log_type(lambda level, message, user: logging.getLogger("pliant").log(_levels[level], message.decode(errors="replace")))
 library.pliant_set_log(ctypes.cast(_log, _pointer), None)  # kept for as long as the library is
+atexit.register(library.pliant_set_log, None, None)  # nothing is logged into an interpreter that has ended
