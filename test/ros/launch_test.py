@@ -157,6 +157,26 @@ class LaunchTest(unittest.TestCase):
         self.assertEqual(topics["hand/measured_cp"], "/lab/hand/measured_cp")
         self.assertEqual(params["/tissue/sim/tool/hand/frame"], "table")
 
+    def assert_recorded(self, robot, recorder):
+        """Whether every input of the node and of force_guard is among the recorder's topics."""
+        topics, params, nodes = self.robot(*robot, "haptic:=true", "blade:=scalpel", "shape:=tool_type")
+        recorded = load(SOURCE + "/launch/record.launch", recorder).nodes[0].args.split(" -e ")[1].strip()
+        inputs = ["measured_cp", "jaw/measured_js", "energy", "blade", "tool_type", "operating_state"]
+        names = [tool + "/" + name for tool in params["/tissue/sim/tools"].split() for name in inputs]
+        found = [topics.get(name, "/tissue/" + name) for name in names] + [dict(nodes["force_guard"].remap_args)["following"]]
+        for topic in found:
+            with self.subTest(robot=robot, topic=topic):
+                self.assertRegex(topic, "^(?:%s)$" % recorded)
+        self.assertNotRegex("/tissue/volume", "^(?:%s)$" % recorded)
+        return found
+
+    def test_what_robots_send_is_recorded(self):
+        self.assertIn("/footpedals/coag", self.assert_recorded(["dvrk.launch", "arms:=PSM1 PSM2"], []))
+        self.assertIn("/grasp2/measured_js", self.assert_recorded(["raven.launch", "following:=/teleop/following"], []))
+        self.assertIn("/CRTK/psm1/jaw/servo_jp", self.assert_recorded(["ambf.launch", "following:=/teleop/following"], []))
+        others = ["energy:=/pedals/4", "jaws:=/hands/left", "following:=/leads"]
+        self.assertIn("/hands/left", self.assert_recorded(["crtk.launch", "arms:=left", "prefix:=/lab"] + others, others))
+
 
 if __name__ == "__main__":
     unittest.main()
