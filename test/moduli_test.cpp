@@ -114,6 +114,43 @@ TEST(Moduli, SaysWhatCannotBeFitted)
     EXPECT_EQ(pliant_moduli_fit(&bar.input, &data, 1, second, {nullptr, nullptr}, &found), PLIANT_ERROR_ARGUMENT);
 }
 
+// Positions instead of displacements, wrong axes, millimetres: the fit warns or refuses.
+TEST(Moduli, AMisfitFarAboveTheDeviationWarns)
+{
+    static std::string said;
+    pliant_set_log([](pliant_log_level level, const char *text, void *) { if (level == PLIANT_LOG_WARNING) said += text; }, nullptr);
+    const auto fit = [](Bar &bar) {
+        pliant_moduli found;
+        const pliant_moduli_data data = bar.measured();
+        const char *names[2] = {"m0", "m1"};
+        said.clear();
+        return pliant_moduli_fit(&bar.input, &data, 2, names, {nullptr, nullptr}, &found);
+    };
+    Bar good(20e3, 7e3), positions(20e3, 7e3), turned(20e3, 7e3), millimetres(20e3, 7e3), far(20e3, 7e3);
+    for (Bar *bar : {&good, &positions, &turned, &millimetres, &far}) measure(bar, 1);
+    EXPECT_GE(fit(good), 0) << pliant_last_error();
+    EXPECT_EQ(said.find("do not trust"), std::string::npos) << said;
+    for (pliant_marker &m : positions.markers)
+        for (int d = 0; d < 3; d++) m.moved[d] += m.rest[d];
+    EXPECT_GE(fit(positions), 0) << pliant_last_error();
+    EXPECT_NE(said.find("do not trust these moduli; moved_x, moved_y and moved_z look like positions"), std::string::npos) << said;
+    for (pliant_marker &m : turned.markers) std::swap(m.moved[0], m.moved[1]);
+    EXPECT_GE(fit(turned), 0) << pliant_last_error();
+    EXPECT_NE(said.find("do not trust these moduli; check the markers"), std::string::npos) << said;
+    for (pliant_marker &m : millimetres.markers)
+        for (double &x : m.moved) x *= 1000;
+    millimetres.markers[0].line = 7;
+    EXPECT_EQ(fit(millimetres), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("marker "), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("millimetres; divide them by 1000"), std::string::npos) << pliant_last_error();
+    far.markers[2].line = 4;
+    for (double &x : far.markers[2].rest) x *= 1000;
+    EXPECT_EQ(fit(far), PLIANT_ERROR_ARGUMENT);
+    EXPECT_NE(std::string(pliant_last_error()).find("marker 3 (line 4): there is no tissue"), std::string::npos) << pliant_last_error();
+    EXPECT_NE(std::string(pliant_last_error()).find("seems to be in millimetres"), std::string::npos) << pliant_last_error();
+    pliant_set_log(nullptr, nullptr);
+}
+
 TEST(Moduli, MarkersAreRead)
 {
     char name[] = "/tmp/pliant_markers_XXXXXX";
@@ -132,6 +169,32 @@ TEST(Moduli, MarkersAreRead)
     std::ofstream(name) << "1,0.01,0.02\n";
     EXPECT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("line 1"), std::string::npos);
+    for (const char *same : {"\xEF\xBB\xBFload,x,y,z,moved_x,moved_y,moved_z\n1,0.01,0.02,0.03,0,-0.001,0\n",
+                             "\xEF\xBB\xBF" "1,0.01,0.02,0.03,0,-0.001,0\r\n", "load;x;y;z;moved_x;moved_y;moved_z\n1;0,01;0,02;0,03;0;-0,001;0\n",
+                             "1\t0.01\t0.02\t0.03\t0\t-0.001\t0\n", "Load,x,y,z,mx,my,mz,deviation\n\n1, 0.01 ,0.02,0.03,0,-0.001,0,\n"}) {
+        std::ofstream(name) << same;
+        ASSERT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(count, 1) << same;
+        EXPECT_EQ(markers[0].load, 0) << same;
+        EXPECT_EQ(markers[0].rest[2], 0.03) << same;
+        EXPECT_EQ(markers[0].moved[1], -0.001) << same;
+        EXPECT_EQ(markers[0].deviation, 3e-4) << same;
+        pliant_free(markers);
+    }
+    const char *const wrong[][3] = {{"1,0.01,0.02,0.03,0,nan,0", "line 3: moved_y is 'nan', not a finite number", "delete the line"},
+                                    {"1,0.01,0.02,0.03,0,,0", "line 3: moved_y is '', not a finite number", "delete the line"},
+                                    {"1,0.01,0.02,0.03,0,-0.001 mm,0", "line 3: moved_y is '-0.001 mm'", "not a finite number"},
+                                    {"1,10.2,-35.1,30,0,-1,0", "line 3: x is 10.2 m", "millimetres: divide"},
+                                    {"0,0.01,0.02,0.03,0,0,0", "line 3: load is 0", "whole number from 1"},
+                                    {"1.5,0.01,0.02,0.03,0,0,0", "line 3: load is 1.5", "whole number from 1"},
+                                    {"1,0.01,0.02,0.03,0,0,0,0", "line 3: deviation is 0", "above 0"},
+                                    {"1,0.01,0.02,0.03,0,0", "line 3: it has 6 cells", "write load,x,y,z,moved_x,moved_y,moved_z"},
+                                    {"1,0.01,0.02,0.03,0,0,0,1e-3,7", "line 3: it has more than 8 cells", "write load,x,y,z"}};
+    for (auto &one : wrong) {
+        std::ofstream(name) << "load,x,y,z,moved_x,moved_y,moved_z,deviation\n1,0.01,0.02,0.03,0,0,0\n" << one[0] << "\n";
+        EXPECT_EQ(pliant_markers_read(name, 3e-4, &count, &markers), PLIANT_ERROR_FORMAT) << one[0];
+        for (const char *word : {static_cast<const char *>(name), one[1], one[2]}) EXPECT_NE(std::string(pliant_last_error()).find(word), std::string::npos) << pliant_last_error();
+    }
     std::remove(name);
     EXPECT_EQ(pliant_markers_read("/nonexistent.csv", 3e-4, &count, &markers), PLIANT_ERROR_FILE);
 }

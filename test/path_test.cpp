@@ -130,6 +130,30 @@ TEST_F(Path, ForcesAreNewtonsAndOffsetsMetres)
     pliant_set_log(nullptr, nullptr);
 }
 
+TEST_F(Path, TimesCountFromTheStartOfTheRun)
+{
+    const std::string start = "tools:\n  - name: a\n    grasp: [0, 0, 0]\n", hint = "times count from the start of the run: subtract";
+    refuses(start + "    motion: [{time: 1732736787.1, offset: [0, 0, 0]}, {time: 1732736787.3, offset: [0, -0.01, 0]}]\n", "motion/time is 1732736787.1 s");
+    refuses(start + "    motion: [{time: 1732736787123, offset: [0, 0, 0]}]\n", hint);
+    refuses(start + "    motion: [{time: 0, offset: [0, 0, 0]}, {time: 1732736787.1, offset: [0, 0, 0]}]\n", hint);
+    refuses(start + "    release: 1732736787.1\n    motion: [{time: 0, offset: [0, 0, 0]}]\n", "release is 1732736787.1 s");
+    refuses("gravity: [{time: 1732736787, acceleration: [0, 0, 0]}]\n", hint);
+    refuses("cuts: [{time: 1732736787, points: [[0, 0, 0], [1, 0, 0]], depth: [0, 0, 1]}]\n", hint);
+    const std::string blade = "tools:\n  - name: k\n    blade: {name: scalpel}\n";
+    refuses(blade + "    poses: [{time: 1732736787.1, position: [0, 0, 0]}]\n", "poses/time is 1732736787.1 s");
+    refuses(blade + "    poses: [{time: 0, position: [0, 0, 0]}]\n    cut: [{from: 1732736787, to: 1732736788}]\n", "cut/from is 1732736787 s");
+
+    static std::string said;
+    pliant_set_log([](pliant_log_level level, const char *message, void *) { if (level == PLIANT_LOG_WARNING) said += message; }, nullptr);
+    ASSERT_EQ(read(start + "    motion: [{time: 12345.5, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"), PLIANT_OK);
+    EXPECT_NE(said.find("nothing moves before 12345.5 s"), std::string::npos) << said;
+    said.clear();
+    pliant_path_free(&path_);
+    ASSERT_EQ(read(start + "    motion: [{time: 20, offset: [0, 0, 0]}, {time: 12346, offset: [0, -0.01, 0]}]\n"), PLIANT_OK);
+    EXPECT_EQ(said, "");
+    pliant_set_log(nullptr, nullptr);
+}
+
 TEST_F(Path, TurnsGravity)
 {
     double g[3];

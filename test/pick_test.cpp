@@ -1,5 +1,6 @@
 // A ray through the deformed volume to its isosurface, against spheres and planes that are known exactly.
 #include "pliant/memory.h"
+#include "pipeline/body.h"
 #include "pliant/pick.h"
 
 #include <gtest/gtest.h>
@@ -219,6 +220,83 @@ TEST(Pick, WhatIsNotTissueIsPassedThrough)
     ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK);
     ASSERT_TRUE(picked.hit);
     EXPECT_NEAR(picked.point[1], ball.centre[1] - 0.015, 1e-4);
+}
+
+// The result is on the tissue's surface, not on the volume's box.
+TEST(Pick, AThresholdBelowAllValuesFindsTheFirstTissue)
+{
+    Ball ball(STRAIGHT, EVEN, 0.025);
+    pliant_mesh_free(&ball.mesh);
+    const int32_t cells[3] = {6, 5, 5};
+    std::vector<uint8_t> keep(5 * 150);
+    for (size_t n = 0; n < keep.size(); n++) keep[n] = n / 5 % 6 >= 3;
+    ASSERT_EQ(pliant_mesh_grid(&ball.volume.geometry, cells, keep.data(), &ball.mesh), PLIANT_OK);
+    const double border = ball.mesh.corner[0] + 3 * ball.mesh.cell_size[0];
+    pliant_picked picked{};
+    for (double from : {-0.3, -0.03}) { // outside of the volume, and inside of it, in front of the tissue
+        pliant_ray ray = ball.ray_from(from, 0.003, 0.002, ball.centre);
+        ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, -1e6, &picked), PLIANT_OK);
+        ASSERT_TRUE(picked.hit) << picked.reason;
+        EXPECT_STREQ(picked.reason, "");
+        EXPECT_NEAR(picked.point[0], border, 1e-6) << from;
+        EXPECT_NEAR(picked.rest[0], border, 1e-6) << from;
+        double length = 0;
+        for (int d = 0; d < 3; d++) length += std::pow(picked.point[d] - ray.origin[d], 2);
+        EXPECT_NEAR(picked.distance, std::sqrt(length), 1e-9);
+        EXPECT_NEAR(picked.intensity, 100 * (1 - ball.from_centre(picked.point) / ball.radius), 3) << "interpolated near the middle";
+    }
+    // behind the near end that tissue is passed over
+    pliant_ray ray = ball.ray_from(-0.3, 0.003, 0.002, ball.centre);
+    ray.near = 0.32;
+    ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, -1e6, &picked), PLIANT_OK);
+    ASSERT_TRUE(picked.hit);
+    EXPECT_DOUBLE_EQ(picked.distance, 0.32);
+}
+
+// Elements at the border hold air, too.
+TEST(Pick, TheFirstTissueIsNoAirInsideAnElement)
+{
+    const int size[3] = {20, 16, 16}, first = 7; // voxels of 2 mm, of air before the first; cells of 5 voxels
+    const double box[3] = {0.04, 0.032, 0.032};
+    Body body(size, box, {{1, 0, 1, true}, {10e3, 0.4, 1000, false}}, [=](int i, int, int) { return i >= first; });
+    body.cells(4, 4, 4, 1);
+    body.fix_plane(0.038, 0, 0, -1, 0, 0);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    pliant_warp *warp = nullptr;
+    const pliant_mesh *mesh = &body.model->body->fine;
+    ASSERT_EQ(pliant_warp_create(&body.scan, mesh, &body.scan.geometry, 1, &warp), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_warp_update(warp, body.data->positions), PLIANT_OK);
+    const pliant_ray ray{{-0.2, 0.0163, 0.0158}, {1, 0, 0}, 0, 0};
+    pliant_picked element{}, tissue{}, surface{};
+    ASSERT_EQ(pliant_pick_warped(warp, body.data->positions, &ray, -1e6, &element), PLIANT_OK);
+    ASSERT_EQ(pliant_pick_tissue(body.model, warp, body.data->positions, &ray, -1e6, &tissue), PLIANT_OK);
+    ASSERT_EQ(pliant_pick_tissue(body.model, warp, body.data->positions, &ray, 0.5, &surface), PLIANT_OK);
+    ASSERT_TRUE(element.hit && tissue.hit && surface.hit) << tissue.reason;
+    EXPECT_NEAR(element.point[0], 0.01, 1e-9);
+    EXPECT_NEAR(tissue.point[0], 0.014 + 0.0005, 0.0005) << "within half a voxel behind its border";
+    EXPECT_NEAR(surface.point[0], 0.014, 1e-6) << "an isosurface is where it is";
+    pliant_warp_free(warp);
+}
+
+TEST(Pick, SaysWhyNothingIsHit)
+{
+    Ball ball(STRAIGHT, EVEN, 0.025);
+    const double aim[3] = {ball.centre[0], ball.centre[1] + 0.5, ball.centre[2]};
+    pliant_ray past = ball.ray_from(-0.3, 0.5, 0, aim), through = ball.ray_from(-0.3, 0, 0, ball.centre);
+    pliant_picked picked{};
+    ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &past, 0, &picked), PLIANT_OK);
+    EXPECT_FALSE(picked.hit);
+    EXPECT_STREQ(picked.reason, "the ray does not meet the deformed volume between near and far");
+    ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &through, 1e6, &picked), PLIANT_OK);
+    EXPECT_FALSE(picked.hit);
+    EXPECT_STREQ(picked.reason, "no value along the ray reaches the threshold");
+    std::vector<double> elsewhere(ball.mesh.rest, ball.mesh.rest + 3 * size_t(ball.mesh.num_nodes));
+    for (double &x : elsewhere) x += 5;
+    for (double threshold : {0.0, -1e6}) {
+        ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, elsewhere.data(), &through, threshold, &picked), PLIANT_OK);
+        EXPECT_FALSE(picked.hit);
+        EXPECT_STREQ(picked.reason, "where values along the ray reach the threshold there is no tissue");
+    }
 }
 
 TEST(Pick, NotANumberIsRefusedAndLeavesTheOutputAlone)

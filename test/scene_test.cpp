@@ -151,11 +151,18 @@ TEST(scene, errors_name_file_line_field_value_and_range)
     refused("mesh:\n  ratio: 3x\n", PLIANT_ERROR_SCENE, {"line 2", "3x"});
     refused("mesh:\n  ratio: 99999999999999999999\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/ratio"});
     refused("mesh:\n  ratio: [2]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio"});
-    refused("material:\n  slides: [liver, stomach]\n", PLIANT_ERROR_FORMAT, {"line 2", "material/slides", "not a list: one text, without brackets"});
+    refused("material:\n  slides: [liver, stomach]\n", PLIANT_ERROR_FORMAT, {"line 2", "material/slides", "is a list", "use one value, without brackets"});
     EXPECT_STREQ(parsed("material: {slides: \"liver, stomach\"}").material.slides, "liver, stomach");
     EXPECT_STREQ(parsed("material:\n  slides: liver, stomach\n").material.slides, "liver, stomach");
     refused("mesh:\n  ratio: 2\n  ratio: 3\n", PLIANT_ERROR_FORMAT, {"ratio"});
-    refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells", "3"});
+    refused("mesh:\n  coarse_cells: [7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells has 2 values", "use a list of 3 values"});
+    refused("mesh:\n  coarse_cells: [7, 7, 7, 7]\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells has more than 3 values", "use a list of 3"});
+    refused("mesh: {coarse_cells: 7, ratio: 2}\n", PLIANT_ERROR_FORMAT, {"line 1", "mesh/coarse_cells is one value '7'", "use a list of 3 values"});
+    refused("mesh:\n  coarse_cells: 7 7 7 # along i, j, k\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells is one value '7 7 7'", "use a list"});
+    refused("mesh:\n  coarse_cells:\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/coarse_cells is empty", "use a list of 3 values"});
+    refused("mesh:\n  ratio: {a: 2}\n", PLIANT_ERROR_FORMAT, {"line 2", "mesh/ratio is a group of keys", "use one value"});
+    refused("mesh: 3\n", PLIANT_ERROR_FORMAT, {"line 1", "mesh is one value '3'", "use keys with values"});
+    refused("fixed:\n  boxes: {low: [0, 0, 0], high: [1, 1, 1]}\n", PLIANT_ERROR_FORMAT, {"line 2", "fixed/boxes is a group of keys", "use a list"});
     refused("mesh:\n  coarse_cells: [7, 7, 0]\n", PLIANT_ERROR_SCENE,
             {"line 2", "mesh/coarse_cells", "'0'", "1 .. 256"});
     refused("mesh:\n  keep_air: perhaps\n", PLIANT_ERROR_SCENE, {"line 2", "mesh/keep_air", "perhaps", "true | false"});
@@ -253,6 +260,37 @@ TEST(scene, set_by_path)
     EXPECT_EQ(pliant_scene_set(&scene, "model/gravity", std::string(1000, '1').c_str()), PLIANT_ERROR_SCENE);
     EXPECT_EQ(pliant_scene_set(&scene, "solver/tolerance", "7"), PLIANT_ERROR_SCENE);
     expect_words(pliant_last_error(), {"solver/tolerance", "7", "1e-12 .. 1"});
+}
+
+TEST(scene, says_option_value_and_what_is_right)
+{
+    pliant_scene scene = defaults();
+    const char *const bad[][4] = {{"mesh/coarse_cells", "7", "'7' is 1 value", "three whole numbers in 1 .. 256 cells, as [7, 7, 7]"},
+                                  {"mesh/coarse_cells", "[7, 8]", "'7 8' is 2 values", "three whole numbers"},
+                                  {"mesh/coarse_cells", "7 7 7 7", "'7 7 7 ...' is 4 values", "three whole numbers"},
+                                  {"mesh/coarse_cells", "7x7x7", "'7x7x7' is 1 value", "three whole numbers"},
+                                  {"mesh/coarse_cells", "", "'' is 0 values", "three whole numbers"},
+                                  {"model/gravity", "9.81", "'9.81' is 1 value", "three numbers in -10000 .. 10000 m/s^2, as [0, 0, 1]"}};
+    for (auto &one : bad) {
+        EXPECT_EQ(pliant_scene_set(&scene, one[0], one[1]), PLIANT_ERROR_SCENE) << one[1];
+        expect_words(pliant_last_error(), {one[0], one[2], one[3]});
+    }
+}
+
+TEST(scene, a_byte_order_mark_is_no_text)
+{
+    const std::string path = testing::TempDir() + "/pliant_scene_mark.yaml";
+    pliant_scene scene;
+    std::ofstream(path) << "\xEF\xBB\xBFmesh: {ratio: 3}\n";
+    ASSERT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(scene.mesh.ratio, 3);
+    std::ofstream(path) << "\xEF\xBB\xBFmesh: {ratio: 99}\n";
+    EXPECT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_ERROR_SCENE);
+    expect_words(pliant_last_error(), {"line 1", "mesh/ratio"});
+    std::ofstream(path) << std::string("\xFF\xFEm\0e\0s\0h\0", 10);
+    EXPECT_EQ(pliant_scene_read(path.c_str(), &scene), PLIANT_ERROR_FORMAT);
+    expect_words(pliant_last_error(), {"UTF-16", "save it as UTF-8"});
+    std::remove(path.c_str());
 }
 
 TEST(scene, check_catches_scenes_made_by_hand)

@@ -4,6 +4,7 @@
 #ifndef PLIANT_PICK_H
 #define PLIANT_PICK_H
 
+#include "pliant/model.h"
 #include "pliant/warp.h"
 
 #ifdef __cplusplus
@@ -17,17 +18,19 @@ typedef struct pliant_ray {
 } pliant_ray;
 
 typedef struct pliant_picked {
-    bool hit;              /**< false: the ray meets no tissue; nothing else is set */
+    bool hit;              /**< false: the ray meets no tissue; only reason is set */
     double point[3];       /**< on the isosurface, LPS [m] */
     double distance;       /**< from the origin [m] */
     float intensity;       /**< value of the deformed volume there; CT: Hounsfield units */
     int32_t tetrahedron;   /**< of the fine mesh; of what is cut, the fragment whose tissue that is (pliant_pick_warped) */
     double barycentric[4]; /**< of the point in it */
     double rest[3];        /**< the same piece of tissue at rest, LPS [m] */
+    const char *reason;    /**< why nothing is hit, a static text; "" where something is */
 } pliant_picked;
 
-/** The first point along the ray where the volume, interpolated trilinearly, reaches the threshold and where there
- *  is tissue. A ray that starts (or enters the volume's box) above the threshold hits right there, as it is drawn.
+/** Find the first point along the ray where the volume, interpolated trilinearly, is not below the threshold and where there
+ *  is tissue. A ray that starts in tissue above the threshold hits right there, as it is drawn. With a threshold below all values
+ *  that is the first tissue.
  *  Steps of half a voxel, then bisection to 1e-4 voxels; features thinner than a step may be missed.
  *  @param volume    the deformed volume (pliant_warp_volume), or the scan for a mesh at rest
  *  @param positions (mesh->num_nodes x 3) LPS [m]
@@ -42,6 +45,12 @@ PLIANT_API pliant_status pliant_pick(const pliant_volume *volume, const pliant_m
  *  Errors: as pliant_pick. */
 PLIANT_API pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray, double threshold,
                                             pliant_picked *out);
+
+/** Pick as pliant_pick_warped does, but do not count voxels of empty materials (air inside elements) as tissue where the ray crosses no isosurface.
+ *  With a threshold below all values the result is on the skin, not on the border of the first element.
+ *  @param warp draws the model's scan. Errors: as pliant_pick. */
+PLIANT_API pliant_status pliant_pick_tissue(const pliant_model *model, const pliant_warp *warp, const double *positions, const pliant_ray *ray,
+                                            double threshold, pliant_picked *out);
 
 #ifdef __cplusplus
 }

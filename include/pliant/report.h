@@ -264,9 +264,10 @@ enum { PLIANT_MAX_MODULI = 8 };
 /** A point whose displacement was measured. */
 typedef struct pliant_marker {
     int32_t load;                /**< under which load, from 0 */
-    double rest[3], moved[3];    /**< point of the tissue, and by how much the marker moved, LPS [m] */
+    double rest[3], moved[3];    /**< point of the tissue, and displacement of the marker (deformed minus rest position), LPS [m] */
     double deviation;            /**< standard deviation of each of the three numbers [m] */
     double offset[3];            /**< from the tissue's point to the marker's centre: it turns with the tissue; zero: the marker is the point [m] */
+    int32_t line;                /**< in the file that it was read from, for messages; 0: none */
 } pliant_marker;
 
 typedef struct pliant_moduli_data {
@@ -285,12 +286,15 @@ typedef struct pliant_moduli {
     double rms;                  /**< of the distances that are left [m] */
 } pliant_moduli;
 
-/** Markers from a CSV file: load (from 1), x, y, z, moved_x, moved_y, moved_z [m] and maybe the deviation [m], a line each; lines that begin with # are
- *  left out, as is a first line that begins with "load". @param deviation where a line has none. Free with pliant_free. Errors: FILE, FORMAT, MEMORY. */
+/** Read markers from a table, one marker per line: load,x,y,z,moved_x,moved_y,moved_z and maybe the deviation. Loads count from 1. x, y, z is the
+ *  position at rest. moved_x, moved_y, moved_z is the displacement: the deformed minus the rest position. Lengths are in metres. Cells are separated by commas, semicolons or tabs. Lines that begin with # are comments. A first line that
+ *  begins with "load" is a header. A byte order mark is skipped.
+ *  @param deviation where a line has none. Free with pliant_free. Errors: FILE, FORMAT (names line, column, value and remedy), MEMORY. */
 PLIANT_API pliant_status pliant_markers_read(const char *path, double deviation, int32_t *count, pliant_marker **out);
 
 /** Young's moduli of `count` named materials that bring the scene's tissue, at rest under each load, nearest to the markers: Gauss-Newton on their logarithms
  *  from those of the table on, sensitivities by differences. A modulus is that of the scene's mesh: pliant_truth_run tells what that is off by.
+ *  A misfit above 9 is logged as a warning: the residuals are then three times as large as the deviations.
  *  Errors: ARGUMENT (names, markers outside of the tissue), NUMERIC (nothing measured tells of a material), those of building and stepping, CANCELLED.
  *  NOT_CONVERGED: *out is the best that was found. */
 PLIANT_API pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_moduli_data *data, int32_t count, const char *const *names,

@@ -37,6 +37,12 @@ double pliant_blade_length(const pliant_blade *blade)
     return sqrt(pow(blade->to[0] - blade->from[0], 2) + pow(blade->to[1] - blade->from[1], 2) + pow(blade->to[2] - blade->from[2], 2));
 }
 
+bool pliant_blade_has_pose(const pliant_blade *blade)
+{
+    const double *q = blade->rotation;
+    return q[0] != 0 || q[1] != 0 || q[2] != 0 || q[3] != 0;
+}
+
 bool pliant_blade_is_there(const pliant_blade *blade) { return memcmp(blade->from, blade->to, sizeof blade->from) != 0; }
 
 static pliant_status find_tool(pliant_data *data, int index, pliant_tool **out)
@@ -63,6 +69,12 @@ pliant_status pliant_tool_set_blade(pliant_data *data, int index, const double f
     return PLIANT_OK;
 }
 
+static void take_pose(pliant_tool *tool)
+{
+    memcpy(tool->blade.tip, tool->tip, sizeof tool->tip);
+    memcpy(tool->blade.rotation, tool->rotation, sizeof tool->rotation);
+}
+
 pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
 {
     pliant_tool *tool = NULL;
@@ -73,6 +85,7 @@ pliant_status pliant_tool_set_cutting(pliant_data *data, int index, bool on)
     if (on && !pliant_blade_is_there(&tool->blade))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no blade (pliant_tool_set_blade)", tool->name);
     if (!on) pliant_blade_end(tool);
+    if (on && !tool->blade.cutting && tool->present) take_pose(tool);
     tool->blade.cutting = on;
     return PLIANT_OK;
 }
@@ -183,8 +196,7 @@ pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing, d
     if (status != PLIANT_OK) return status;
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
     pliant_blade_settle(data, &blade->edge);
-    memcpy(blade->tip, tool->tip, sizeof blade->tip);
-    memcpy(blade->rotation, tool->rotation, sizeof blade->rotation);
+    take_pose(tool);
     blade->under_way = true;
     blade->stroke++;
     return PLIANT_OK;
@@ -196,6 +208,7 @@ void pliant_blade_end(pliant_tool *tool)
     pliant_blade_loosen(tool);
     free_edge(&blade->edge);
     blade->under_way = blade->failed = false;
+    memset(blade->rotation, 0, sizeof blade->rotation); /* no pose to come from */
     blade->engaged_length = 0;
 }
 

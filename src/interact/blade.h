@@ -13,6 +13,8 @@ double pliant_blade_length(const pliant_blade *blade); /* [m] */
 /* Begin a stroke with the edge where the tool is now, points at most `spacing` [m] apart, which go with tissue no more than `reach` [m] beside
  * them. Errors: MEMORY (none is under way). */
 pliant_status pliant_blade_begin(pliant_data *data, int tool, double spacing, double reach);
+/* Whether the blade has a previous pose: the pose of the last step, or the tool's pose when the blade was switched on. */
+bool pliant_blade_has_pose(const pliant_blade *blade);
 /* The stroke is over; the blade stays. */
 void pliant_blade_end(pliant_tool *tool);
 /* And what it has cut is forgotten. */

@@ -153,9 +153,21 @@ static bool read_numbers(const char *field, char **text, int count, double *out,
     return true;
 }
 
+/* Times count from the start of a run. A later one is a clock's: seconds, milliseconds or nanoseconds since 1970. */
+static const double latest = 1e8; /* [s]: three years */
+
+static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZE])
+{
+    if (!(time >= latest)) return false;
+    snprintf(reason, REASON_SIZE, "%s is %.15g s, a time stamp of a clock (counted from 1970); times count from the start of the run: subtract the "
+             "first time stamp from all", field, time);
+    return true;
+}
+
 /* "time: must be ...", or nothing */
 static bool check_time(const char *field, double time, bool after, double before, char reason[REASON_SIZE])
 {
+    if (is_of_a_clock(field, time, reason)) return false;
     if (time >= 0.0 && (!after || time > before)) return true;
     snprintf(reason, REASON_SIZE, "%s: %g s must be at least 0 and more than the one before", field, time);
     return false;
@@ -221,6 +233,23 @@ static void hint_at_units(const char *file, const pliant_path_tool *tool)
         pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?", file, tool->name, largest);
 }
 
+/* Nothing moves before the first time of all. */
+static void hint_at_start(const char *file, const pliant_path *path)
+{
+    const double late = 600; /* [s] */
+    double first = INFINITY;
+    for (uint32_t n = 0; n < path->num_tools; ++n) {
+        const pliant_path_tool *tool = &path->tools[n];
+        if (tool->num_motion > 0) first = fmin(first, tool->motion[0].time);
+        if (tool->num_poses > 0) first = fmin(first, tool->poses[0].time);
+    }
+    if (path->num_cuts > 0) first = fmin(first, path->cuts[0].time);
+    if (path->num_gravity > 0) first = fmin(first, path->gravity[0].time);
+    if (first < late || !isfinite(first)) return;
+    pliant_log(PLIANT_LOG_WARNING, "%s: nothing moves before %.15g s: times count from the start of the run; if these are time stamps, subtract the first "
+               "one from all", file, first);
+}
+
 /* ---- blades */
 
 static bool read_poses(const text_tool *text, pliant_path_tool *out, char reason[REASON_SIZE])
@@ -269,6 +298,7 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
     for (uint32_t n = 0; n < text->num_cut; ++n) {
         pliant_path_span *span = &out->cut[n];
         if (!read_number("cut/from", text->cut[n].from, &span->from, reason) || !read_number("cut/to", text->cut[n].to, &span->to, reason)) return false;
+        if (is_of_a_clock("cut/from", span->from, reason)) return false;
         if (span->from >= 0 && span->to > span->from && (n == 0 || span->from > span[-1].to)) continue;
         snprintf(reason, REASON_SIZE, "cut: %g s to %g s must begin after 0 and after the one before, and end later", span->from, span->to);
         return false;
@@ -322,7 +352,7 @@ static bool read_tool(const text_tool *text, const char *file, pliant_path_tool 
     if (!read_drive(text->drive, &out->drive, reason)) return false;
     for (int d = 0; d < 3; ++d)
         if (!read_number("grasp", text->grasp[d], &out->grasp[d], reason)) return false;
-    if (text->release && !read_number("release", text->release, &out->release, reason)) return false;
+    if (text->release && (!read_number("release", text->release, &out->release, reason) || is_of_a_clock("release", out->release, reason))) return false;
     if (text->release && out->release <= 0.0) {
         snprintf(reason, REASON_SIZE, "release: %g s must be more than 0", out->release);
         return false;
@@ -415,6 +445,7 @@ pliant_status pliant_path_read(const char *path, pliant_path *out)
     if (status == PLIANT_OK) status = read_probes(text, yaml, path, &result);
     if (status == PLIANT_OK) {
         for (uint32_t n = 0; n < result.num_tools; ++n) hint_at_units(path, &result.tools[n]);
+        hint_at_start(path, &result);
         *out = result;
         result = (pliant_path){.tools = NULL};
     }

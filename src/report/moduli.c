@@ -6,7 +6,6 @@
 #include "state/data.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 enum { MOST_PASSES = 30, MOST_TRIES = 8, RAMP = 10 /* steps in which tools reach where a load ends */, SETTLING_STEPS = 200, SETTLING_ITERATIONS = 100 };
@@ -167,6 +166,7 @@ static pliant_status residuals(fitting *fit, const double *logs, double *out)
     if (!pliant_report_progress(fit->progress, 1 - 1 / (1 + 0.05 * fit->solves++), "moduli")) return pliant_fail(PLIANT_ERROR_CANCELLED, "the fit was stopped");
     for (int32_t p = 0; p < fit->count; p++) fit->table.materials[fit->material[p]].young_modulus = exp(logs[p]);
     pliant_status status = pliant_model_build(fit->input->scene, fit->input->scan, fit->input->labels, &fit->table, (pliant_progress){NULL, NULL}, &model);
+    if (status >= 0 && fit->solves == 1) status = report_markers_check(&pliant_model_get_body(model)->fine, data->num_markers, data->markers);
     for (int32_t load = 0; status >= 0 && load < data->num_loads; load++)
         status = report_markers_move(model, data->loads ? data->loads + load : NULL, load, data->num_markers, data->markers, out);
     pliant_model_free(model);
@@ -237,6 +237,15 @@ static void normal_equations(const fitting *fit, const double *columns, const do
     for (int i = 0; i < fit->count; i++) a[i][i] *= 1 + damping;
 }
 
+/* Whether a material table accepts moduli of these logarithms, with a margin for differences. */
+static bool are_moduli(int count, const double *logs)
+{
+    const double least = 1e-3, most = 9e11; /* [Pa] */
+    bool good = true;
+    for (int p = 0; p < count; p++) good = good && logs[p] >= log(least) && logs[p] <= log(most);
+    return good;
+}
+
 /* One step that lowers the sum of squares; *done: none is worth it. */
 static pliant_status pass(fitting *fit, double *logs, double *r, double *other, double *columns, double *damping, bool *done)
 {
@@ -254,6 +263,7 @@ static pliant_status pass(fitting *fit, double *logs, double *r, double *other, 
             next[i] = logs[i] + fmin(fmax(step, -longest), longest);
             most = fmax(most, fabs(next[i] - logs[i]));
         }
+        if (!are_moduli(fit->count, next)) continue;
         status = residuals(fit, next, other);
         if (status < 0 || square(rows, other) > before) continue;
         memcpy(logs, next, sizeof next);
@@ -346,50 +356,7 @@ pliant_status pliant_moduli_fit(const pliant_report_input *input, const pliant_m
     pliant_free(columns);
     pliant_material_table_free(&fit.table);
     if (status < 0) return status;
+    report_markers_warn(data->num_markers, data->markers, &told);
     *out = told;
     return done ? PLIANT_OK : PLIANT_NOT_CONVERGED;
-}
-
-/* ---- the measured displacements */
-
-pliant_status pliant_markers_read(const char *path, double deviation, int32_t *count, pliant_marker **out)
-{
-    char line[512];
-    pliant_marker *markers = NULL;
-    int32_t number = 0, room = 0, at = 0;
-    pliant_status status = PLIANT_OK;
-    FILE *file = fopen(path, "r");
-    if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be opened", path);
-    while (status >= 0 && fgets(line, sizeof line, file)) {
-        pliant_marker one = {.deviation = deviation};
-        int load;
-        at++;
-        if (line[strspn(line, " \t\r\n")] == '\0' || line[0] == '#' || (at == 1 && strncmp(line, "load", 4) == 0)) continue;
-        int read = sscanf(line, "%d,%lf,%lf,%lf,%lf,%lf,%lf,%lf", &load, &one.rest[0], &one.rest[1], &one.rest[2], &one.moved[0], &one.moved[1], &one.moved[2],
-                          &one.deviation);
-        if (read < 7) {
-            status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: load,x,y,z,moved_x,moved_y,moved_z and maybe a deviation are wanted, in metres", path, at);
-            break;
-        }
-        one.load = load - 1;
-        if (number == room) {
-            pliant_marker *larger = pliant_resize(markers, 2 * (size_t)room + 16, sizeof *larger);
-            if (!larger) {
-                status = pliant_fail_memory("the markers");
-                break;
-            }
-            markers = larger;
-            room = 2 * room + 16;
-        }
-        markers[number++] = one;
-    }
-    fclose(file);
-    if (status >= 0 && number == 0) status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: holds no marker", path);
-    if (status < 0) {
-        pliant_free(markers);
-        return status;
-    }
-    *count = number;
-    *out = markers;
-    return PLIANT_OK;
 }

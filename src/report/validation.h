@@ -46,6 +46,12 @@ void measured_body_free(measured_body *body);
 pliant_status report_markers_move(const pliant_model *model, const pliant_path *load, int32_t state, int32_t num_markers, const pliant_marker *markers,
                                   double *moved);
 
+/* Check that markers are in the tissue and that no displacement is far longer than the tissue. Errors: ARGUMENT, MEMORY. */
+pliant_status report_markers_check(const pliant_mesh *mesh, int32_t num_markers, const pliant_marker *markers);
+
+/* Warn when markers lie, after a fit, far more than their deviations from where they were measured. */
+void report_markers_warn(int32_t num_markers, const pliant_marker *markers, const pliant_moduli *found);
+
 #ifdef __cplusplus
 }
 #endif

@@ -5,6 +5,7 @@
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/pliant.h"
+#include "report/cells.h"
 #include "report/rows.h"
 
 #include <dirent.h>
@@ -100,66 +101,6 @@ static bool has(const char *text, const char *word)
     return false;
 }
 
-/* A line without what files of some spreadsheets begin with. */
-static char *text_of(char *line) { return line + (strncmp(line, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0); }
-
-/* What parts the cells of a header's line, and of the lines below it: a tab, else a semicolon, else a comma. */
-static char separator_of(const char *line)
-{
-    char found = ',';
-    for (bool quoted = false; *line; line++) {
-        if (*line == '"') quoted = !quoted;
-        else if (!quoted && *line == '\t') return '\t';
-        else if (!quoted && *line == ';') found = ';';
-    }
-    return found;
-}
-
-/* Where a cell ends; what stands in quotes is passed over. NULL: with the line. */
-static char *end_of_cell(char *at, char separator)
-{
-    char *quote = at + strspn(at, separator == '\t' ? " " : " \t");
-    while (*quote == '"') {
-        quote = strchr(quote + 1, '"');
-        if (!quote) break;
-        at = ++quote;
-    }
-    return strchr(at, separator);
-}
-
-/* 12,5 as some spreadsheets write it becomes 12.5; with two commas or a point as well it is no number, and stays so. */
-static void read_decimal_comma(char *cell)
-{
-    static const char digits[] = "0123456789";
-    char *comma = cell + strspn(cell, "+-");
-    comma += strspn(comma, digits);
-    if (*comma == ',' && comma[1] && strchr(digits, comma[1]) && !strpbrk(comma + 1, ",.")) *comma = '.';
-}
-
-/* Cells of a line, in place, without the blanks and quotes around them; returns how many. */
-static int split(char *line, char separator, char *cells[MOST_CELLS])
-{
-    static const char around[] = " \"'\r\n";
-    int count = 0;
-    for (char *at = text_of(line); at && count < MOST_CELLS;) {
-        char *next = end_of_cell(at, separator);
-        if (next) *next++ = '\0';
-        at += strspn(at, around);
-        for (size_t length = strlen(at); length > 0 && strchr(around, at[length - 1]); length--) at[length - 1] = '\0';
-        read_decimal_comma(at);
-        cells[count++] = at;
-        at = next;
-    }
-    return count;
-}
-
-static bool number(const char *text, double *out)
-{
-    char *end;
-    *out = strtod(text, &end);
-    return end != text && *end == '\0' && isfinite(*out);
-}
-
 /* ---- the beam that is released under its own weight */
 
 static const double beam_size[3] = {0.1, 0.03, 0.03}; /* the frame's x is -0.1 at the clamp, 0 at the tip */
@@ -187,10 +128,10 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
     for (bool header = true; status >= 0 && fgets(line, sizeof line, file);) {
         beam_line one = {.end = false};
         at++;
-        const char *text = text_of(line);
+        const char *text = cells_text(line);
         if (text[0] == '#' || text[strspn(text, " ,;\t\r\n")] == '\0') continue;
-        if (header) separator = separator_of(line);
-        const int num_cells = split(line, separator, cells);
+        if (header) separator = cells_separator(line);
+        const int num_cells = cells_split(line, separator, MOST_CELLS, cells);
         if (header) {
             for (int w = 0; w < WANTED; w++) {
                 column[w] = -1;
@@ -203,7 +144,7 @@ static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line
         }
         bool good = true;
         for (int w = 0; w < WANTED; w++) good = good && column[w] < num_cells;
-        for (int d = 0; good && d < 3; d++) good = number(cells[column[PLACE + d]], &one.at[d]);
+        for (int d = 0; good && d < 3; d++) good = cells_number(cells[column[PLACE + d]], &one.at[d]);
         if (!good) {
             status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: line %d: a recording, a marker, a state and three coordinates in metres are wanted", path, at);
             break;
@@ -321,7 +262,7 @@ static int cube_columns(int count, char *const cells[], double strain[MOST_STATE
 static bool three_numbers(int count, char *const cells[], int first, double out[3])
 {
     bool good = first >= 0 && first + 3 <= count;
-    for (int d = 0; good && d < 3; d++) good = number(cells[first + d], &out[d]);
+    for (int d = 0; good && d < 3; d++) good = cells_number(cells[first + d], &out[d]);
     return good;
 }
 
@@ -335,8 +276,8 @@ static pliant_status read_beads(FILE *file, const char *path, double edge, measu
     int32_t room = 0;
     for (int d = 0; d < 3; d++) centre[d] = 0, low[d] = INFINITY, high[d] = -INFINITY;
     while (fgets(line, sizeof line, file)) {
-        if (out->num_states == 0) separator = separator_of(line);
-        const int count = split(line, separator, cells);
+        if (out->num_states == 0) separator = cells_separator(line);
+        const int count = cells_split(line, separator, MOST_CELLS, cells);
         pliant_marker bead = {.deviation = 5e-4};
         double at[3], moved[3];
         if (out->num_states == 0) {
@@ -458,9 +399,9 @@ static bool is_table(const char *name, const char *path, measured_source *out)
     if (out->kind == MEASURED_CUBE || strcmp(name, "gravity_markers.csv") == 0) return true;
     FILE *file = fopen(path, "r");
     for (int n = 0; file && !found && n < 50 && fgets(line, sizeof line, file); n++) {
-        if (text_of(line)[0] == '#') continue;
+        if (cells_text(line)[0] == '#') continue;
         if (strstr(line, "beam_x")) out->kind = MEASURED_BEAM, found = true;
-        else if (cube_columns(split(line, separator_of(line), cells), cells, strain, column, &rest) > 0 && rest >= 0) out->kind = MEASURED_CUBE, found = true;
+        else if (cube_columns(cells_split(line, cells_separator(line), MOST_CELLS, cells), cells, strain, column, &rest) > 0 && rest >= 0) out->kind = MEASURED_CUBE, found = true;
     }
     if (file) fclose(file);
     return found;

@@ -223,15 +223,25 @@ static const char *read_word(const pliant_option *option, const char *word, int 
     return not_in_range(option, word, reason, size);
 }
 
+/* "'7' is 1 value; use three whole numbers in 1 .. 256 cells, as [7, 7, 7]" */
+static const char *not_as_many(const pliant_option *option, const char *const *words, int number, char *reason, size_t size)
+{
+    char given[TEXT_SIZE] = "";
+    const bool integer = option->kind == PLIANT_OPTION_INT3;
+    for (int k = 0; k < number && k < 3; ++k)
+        snprintf(given + strlen(given), sizeof given - strlen(given), "%s%.32s", k ? " " : "", words[k]);
+    snprintf(reason, size, "'%s%s' is %d value%s; use %s%s in %s%s%s%s", given, number > 3 ? " ..." : "", number, number == 1 ? "" : "s",
+             words_of(option) == 1 ? "one" : "three", integer ? " whole numbers" : words_of(option) == 1 ? " value" : " numbers", range_of(option),
+             option->unit[0] ? " " : "", option->unit, words_of(option) == 1 ? "" : integer ? ", as [7, 7, 7]" : ", as [0, 0, 1]");
+    return reason;
+}
+
 const char *pliant_option_read(const pliant_option *option, const char *const *words, int number, pliant_scene *scene,
                                char *reason, size_t size)
 {
     /* on a copy of the scene's value, so that two good words before a bad one change nothing */
     pliant_scene trial = *scene;
-    if (number != words_of(option)) {
-        snprintf(reason, size, words_of(option) == 3 ? "three values are needed" : "one value is needed");
-        return reason;
-    }
+    if (number != words_of(option)) return not_as_many(option, words, number, reason, size);
     for (int k = 0; k < number; ++k)
         if (read_word(option, words[k], k, (char *)&trial + option->offset, reason, size)) return reason;
     if (pliant_option_check(option, &trial, reason, size)) return reason;

@@ -39,7 +39,8 @@ pliant_status pliant_scene_set(pliant_scene *scene, const char *path, const char
     const pliant_option *option = pliant_option_find(path);
     if (!option) return pliant_fail(PLIANT_ERROR_SCENE, "%s: is no option of a scene", path);
     if (option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3) {
-        if (strlen(value) >= sizeof text) return pliant_fail(PLIANT_ERROR_SCENE, "%s: three values are needed", path);
+        if (strlen(value) >= sizeof text)
+            return pliant_fail(PLIANT_ERROR_SCENE, "%s: '%.32s ...' is longer than %zu characters; use three numbers", path, value, sizeof text - 1);
         strcpy(text, value);
         number = split(text, words);
     }

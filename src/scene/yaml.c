@@ -22,6 +22,14 @@ typedef struct complaint {
     int line; /* 0: not known */
 } complaint;
 
+/* Some editors write one before UTF-8. */
+static void skip_byte_order_mark(char *text, size_t size)
+{
+    static const char mark[] = "\xEF\xBB\xBF";
+    const size_t length = sizeof mark - 1;
+    if (size >= length && memcmp(text, mark, length) == 0) memmove(text, text + length, size + 1 - length);
+}
+
 pliant_status pliant_text_read(const char *path, char **out)
 {
     pliant_status status = PLIANT_OK;
@@ -47,8 +55,10 @@ pliant_status pliant_text_read(const char *path, char **out)
     } else if (ferror(file)) {
         status = pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be read: %s", path, strerror(errno));
     } else if (memchr(text, 0, size)) {
-        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not a text file (it holds zero bytes)", path);
+        const bool wide = memcmp(text, "\xFF\xFE", 2) == 0 || memcmp(text, "\xFE\xFF", 2) == 0;
+        status = pliant_fail(PLIANT_ERROR_FORMAT, "%s: is not a text file (it holds zero bytes)%s", path, wide ? ": it is UTF-16; save it as UTF-8" : "");
     } else {
+        skip_byte_order_mark(text, size);
         *out = text;
         text = NULL;
     }
@@ -88,40 +98,85 @@ static void listen(cyaml_log_t level, void *context, const char *format, va_list
     }
 }
 
+/* Return the schema's value that the complaint is about. NULL: not known. */
+static const cyaml_schema_value_t *value_at(const complaint *c, const cyaml_schema_value_t *value)
+{
+    for (int level = c->depth; level > 0; --level) {
+        while (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED) value = value->sequence.entry;
+        if (value->type != CYAML_MAPPING) return NULL;
+        const cyaml_schema_field_t *field = value->mapping.fields;
+        while (field->key && strcmp(field->key, c->where[level - 1]) != 0) ++field;
+        if (!field->key) return NULL;
+        value = &field->value;
+    }
+    return value;
+}
+
 /* The keys that the mapping at the place of the complaint may hold, "" when it is not a mapping. */
 static void list_keys(const complaint *c, const cyaml_schema_value_t *value, char *out, size_t size)
 {
-    out[0] = 0;
-    for (int level = c->depth; level >= 0; --level) {
-        while (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED) value = value->sequence.entry;
-        if (value->type != CYAML_MAPPING) return;
-        if (level == 0) break;
-        const cyaml_schema_field_t *field = value->mapping.fields;
-        while (field->key && strcmp(field->key, c->where[level - 1]) != 0) ++field;
-        if (!field->key) return;
-        value = &field->value;
-    }
     size_t used = 0;
+    out[0] = 0;
+    value = value_at(c, value);
+    while (value && (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED)) value = value->sequence.entry;
+    if (!value || value->type != CYAML_MAPPING) return;
     for (const cyaml_schema_field_t *field = value->mapping.fields; field->key && used < size; ++field)
         used += (size_t)snprintf(out + used, size - used, "%s%s", used ? ", " : "; it may be ", field->key);
+}
+
+/* Describe how a value of the schema is written in a file. */
+static void describe(const cyaml_schema_value_t *value, char *out, size_t size)
+{
+    const bool words = value->type == CYAML_SEQUENCE_FIXED && value->sequence.entry->type == CYAML_STRING;
+    if (words && value->sequence.max == 3) snprintf(out, size, "use a list of 3 values, as [1, 2, 3]");
+    else if (words) snprintf(out, size, "use a list of %u values", (unsigned)value->sequence.max);
+    else if (value->type == CYAML_SEQUENCE || value->type == CYAML_SEQUENCE_FIXED) snprintf(out, size, "use a list, as [..., ...] or with a - before each entry");
+    else if (value->type == CYAML_MAPPING) snprintf(out, size, "use keys with values, as {key: value}");
+    else snprintf(out, size, "use one value, without brackets; several names are one text with commas between");
+}
+
+/* Translate libcyaml's complaint about a value's kind or length: " is '7'; use a list ...". false: it is another complaint. */
+static bool say_kind(const complaint *c, const char *text, const cyaml_schema_value_t *schema, char *out, size_t size)
+{
+    static const char expecting[] = "Expecting ", few[] = "Insufficient entries (", many[] = "Excessive entries (";
+    const cyaml_schema_value_t *value = value_at(c, schema);
+    const char *event = strstr(c->reason, "got event: "), *line = text;
+    char use[MESSAGE_SIZE], given[64] = "";
+    if (!value || c->depth == 0) return false;
+    describe(value, use, sizeof use);
+    if (strncmp(c->reason, few, sizeof few - 1) == 0) return snprintf(out, size, " has %d values; %s", atoi(c->reason + sizeof few - 1), use) > 0;
+    if (strncmp(c->reason, many, sizeof many - 1) == 0) return snprintf(out, size, " has more than %d values; %s", atoi(c->reason + sizeof many - 1), use) > 0;
+    if (strncmp(c->reason, expecting, sizeof expecting - 1) != 0 || !event) return false;
+    event += strlen("got event: ");
+    for (int n = 1; line && n < c->line; ++n) line = (line = strchr(line, '\n')) ? line + 1 : NULL;
+    if (c->line && line && strncmp(event, "SCALAR", 6) == 0) { /* the text behind its key */
+        const char *key = strstr(line, c->where[0]), *end = line + strcspn(line, "\n");
+        const char *from = key && key < end ? key + strlen(c->where[0]) + strspn(key + strlen(c->where[0]), "'\": ") : end;
+        size_t length = strcspn(from, "\r\n#,}]");
+        while (length > 0 && from[length - 1] == ' ') --length;
+        if (length == 0) return snprintf(out, size, " is empty; %s", use) > 0;
+        snprintf(given, sizeof given, " '%.*s'", (int)length, from);
+    }
+    return snprintf(out, size, " is %s%s; %s", strncmp(event, "SEQ", 3) == 0 ? "a list" : strncmp(event, "MAP", 3) == 0 ? "a group of keys" : "one value",
+                    given, use) > 0;
 }
 
 static pliant_status explain(complaint *c, const char *text, const char *name, const cyaml_schema_value_t *schema)
 {
     static const char unknown[] = "Unexpected key: ";
-    char line[32] = "", keys[MESSAGE_SIZE] = "", place[MESSAGE_SIZE] = "";
+    char line[32] = "", keys[MESSAGE_SIZE] = "", place[MESSAGE_SIZE] = "", kind[2 * MESSAGE_SIZE];
+    size_t used = 0;
     if (strncmp(c->reason, unknown, sizeof unknown - 1) == 0) {
         /* libcyaml's line is the one of the key before */
         int exact = pliant_yaml_line(text, c->reason + sizeof unknown - 1, 0, c->line ? c->line : 1);
         if (exact) c->line = exact;
         list_keys(c, schema, keys, sizeof keys);
     }
-    if (strstr(c->reason, "Expecting STRING, got event: SEQUENCE_START")) snprintf(keys, sizeof keys, "; it is not a list: one text, without brackets, what it names with commas between");
     if (c->line) snprintf(line, sizeof line, "line %d: ", c->line);
-    size_t used = 0;
     for (int level = c->depth - 1; level >= 0 && used < sizeof place; --level)
-        used += (size_t)snprintf(place + used, sizeof place - used, "%s%s", used ? "/" : " in ", c->where[level]);
-    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s%s", name, line, c->reason, place, keys);
+        used += (size_t)snprintf(place + used, sizeof place - used, "%s%s", used ? "/" : "", c->where[level]);
+    if (say_kind(c, text, schema, kind, sizeof kind)) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s", name, line, place, kind);
+    return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s%s%s%s%s", name, line, c->reason, used ? " in " : "", place, keys);
 }
 
 pliant_status pliant_yaml_load(const char *text, const char *name, const cyaml_schema_value_t *schema, void **out)

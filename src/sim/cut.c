@@ -354,22 +354,30 @@ static void begin(const knife *work)
     if (pliant_blade_begin(work->data, work->index, 0.5 * work->least, reach) != PLIANT_OK) tell_failure(work);
 }
 
-static bool has_jumped(const knife *work)
+/* Return the way of the edge's faster end from the blade's previous pose [m]. */
+static double way_of(const knife *work)
 {
     const pliant_blade *blade = &work->tool->blade;
-    const pliant_edge *edge = &blade->edge;
-    const double bound = fastest * work->model->scene.solver.step;
     double far = 0;
-    pliant_blade_points(blade, blade->tip, blade->rotation, edge->swept);
-    pliant_blade_points(blade, work->tool->tip, work->tool->rotation, edge->now);
-    for (int32_t p = 0; p < edge->count; p += edge->count - 1) {
-        double way[3];
-        for (int d = 0; d < 3; d++) way[d] = edge->now[3 * p + d] - edge->swept[3 * p + d];
+    for (int end = 0; end < 2; end++) {
+        double before[3], now[3], way[3];
+        pliant_rotate(blade->rotation, end ? blade->to : blade->from, before);
+        pliant_rotate(work->tool->rotation, end ? blade->to : blade->from, now);
+        for (int d = 0; d < 3; d++) way[d] = work->tool->tip[d] + now[d] - (blade->tip[d] + before[d]);
         far = fmax(far, sqrt(dot3(way, way)));
     }
-    if (far <= bound) return false;
-    pliant_log(PLIANT_LOG_WARNING, "tool %s: its blade went %.3g m in a step of %g s; what goes faster than %g m/s has jumped, and cuts nothing on its way",
-               work->tool->name, far, work->model->scene.solver.step, fastest);
+    return far;
+}
+
+/* Whether the blade is too fast to cut in this step. It warns once while the blade is on. */
+static bool has_jumped(const knife *work)
+{
+    pliant_blade *blade = &work->tool->blade;
+    const double step = work->model->scene.solver.step, far = pliant_blade_has_pose(blade) ? way_of(work) : 0;
+    if (far <= fastest * step) return false;
+    if (!blade->failed)
+        pliant_log(PLIANT_LOG_WARNING, "tool %s is too fast to cut: its blade moves %.3g m in a step of %g s (%.3g m/s); above %g m/s it is taken for a "
+                   "jump and cuts nothing on its way. Move it more slowly", work->tool->name, far, step, far / step, fastest);
     return true;
 }
 
@@ -377,9 +385,11 @@ static void cut_with(const knife *work)
 {
     pliant_tool *tool = work->tool;
     pliant_blade *blade = &tool->blade;
-    if (blade->under_way && has_jumped(work)) pliant_blade_end(tool);
+    const bool jumped = has_jumped(work);
+    if (jumped && blade->under_way) pliant_blade_end(tool);
     if (!blade->under_way) {
         begin(work);
+        blade->failed = blade->failed || jumped;
         return;
     }
     double last[3], middle[3];

@@ -24,7 +24,8 @@ static pliant_status begin_tool(const pliant_path_tool *tool, const pliant_model
         status = pliant_tool_set_pose(data, index, tip, rotation);
         if (status >= 0) status = pliant_tool_set_shape(data, index, &tool->shape);
         if (status >= 0) status = pliant_tool_set_jaw(data, index, pliant_path_jaw_at(tool, 0.0));
-        return status < 0 ? status : pliant_tool_set_blade(data, index, tool->blade_from, tool->blade_to);
+        if (status >= 0) status = pliant_tool_set_blade(data, index, tool->blade_from, tool->blade_to);
+        return status >= 0 && pliant_path_cuts(tool, 0.0) ? pliant_tool_set_cutting(data, index, true) : status;
     }
     status = pliant_tool_set_pose(data, index, tool->grasp, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, data, index, tool->grasp);

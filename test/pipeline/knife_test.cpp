@@ -278,7 +278,7 @@ TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
     slab.step();
     slab.place(0.0405, -0.01);
     slab.step();
-    EXPECT_NE(slab.said.find("knife: its blade went 0.06 m in a step of 0.02 s"), std::string::npos) << slab.said;
+    EXPECT_NE(slab.said.find("tool knife is too fast to cut: its blade moves 0.06 m in a step of 0.02 s (3 m/s)"), std::string::npos) << slab.said;
     pliant_tool_lost(slab.data, slab.tool);
     slab.step();
     slab.place(0.0405, 0.03);
@@ -286,6 +286,36 @@ TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
     EXPECT_EQ(slab.data->body, slab.model->body);
     EXPECT_EQ(slab.state().stroke, 3u);
     EXPECT_TRUE(slab.state().cutting);
+}
+
+// Also in the step after it was switched on; once each time that it is on.
+TEST(Knife, ABladeThatIsTooFastIsToldOnce)
+{
+    Slab slab(fine, 0);
+    const auto warnings = [&] {
+        int count = 0;
+        for (size_t at = 0; (at = slab.said.find("too fast to cut", at)) != std::string::npos; ++at) count++;
+        return count;
+    };
+    slab.place(0.0405, 0.05);
+    slab.cutting(true);
+    slab.place(0.0405, -0.01);
+    slab.step();
+    EXPECT_EQ(warnings(), 1) << slab.said;
+    for (int n = 0; n < 4; n++) {
+        slab.place(0.0405, n % 2 ? -0.01 : 0.05);
+        slab.step();
+    }
+    EXPECT_EQ(warnings(), 1) << slab.said;
+    EXPECT_EQ(slab.data->body, slab.model->body) << "nothing is cut";
+    slab.cutting(false);
+    slab.place(0.0405, 0.05); // where it is switched on is where it comes from
+    slab.cutting(true);
+    slab.step();
+    EXPECT_EQ(warnings(), 1) << slab.said;
+    slab.place(0.0405, -0.01);
+    slab.step();
+    EXPECT_EQ(warnings(), 2) << slab.said;
 }
 
 TEST(Knife, StrokesThatCanBeUndoneAreAsManyAsAsked)

@@ -394,6 +394,18 @@ for line in sys.stdin:
         self.assertLess(answer.distance, 0.31)
         self.assertAlmostEqual(answer.rest.x, front[0], delta=1e-4)
         self.assertLess(answer.tetrahedron, self.node.info.message.fine_tetrahedra)
+        skin = answer
+        request.threshold = -1e9  # below all values: the first tissue
+        answer = call("pick", Pick, *[getattr(request, name) for name in request.__slots__])
+        self.assertTrue(answer.success, answer.message)
+        self.assertEqual(answer.message, "")
+        self.assertAlmostEqual(answer.distance, skin.distance, delta=0.005)
+        self.assertNotEqual(self.node.info.message.material_names[answer.material], "air")
+        for threshold, turn in ((1e9, -1.0), (-300, 1.0)):  # no such value; away from the tissue
+            request.threshold, request.direction.x = threshold, turn
+            answer = call("pick", Pick, *[getattr(request, name) for name in request.__slots__])
+            self.assertFalse(answer.success)
+            self.assertIn("the ray", answer.message)
 
     # ---- services
 

@@ -399,6 +399,7 @@ CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_f
 void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, Pick::Response *out)
 {
     out->success = picked.hit;
+    out->message = picked.reason ? picked.reason : "";
     if (!picked.hit) return;
     out->point = tf2::toMsg(Vector3d(isometry(frame_from_tissue) * Map<const Vector3d>(picked.point)));
     out->distance = picked.distance;

@@ -67,7 +67,7 @@ std::vector<Box> Warped::boxes_of(const std::vector<uint8_t> &bricks) const
 pliant_picked Warped::pick(const std::vector<double> &positions, const pliant_ray &ray, double threshold) const
 {
     pliant_picked picked{};
-    check(pliant_pick_warped(warp_, positions.data(), &ray, threshold, &picked));
+    check(pliant_pick_tissue(loaded_->model, warp_, positions.data(), &ray, threshold, &picked));
     return picked;
 }
 
