@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -109,37 +110,129 @@ struct nifti_file {
     }
 };
 
-/* One image of a DICOM series: explicit VR, little-endian, 16 bit. */
+/* One image of a DICOM series: little-endian, explicit VR by default, 16 bit. An element whose text is empty is left
+ * out. */
 struct dicom_file {
+    std::string syntax = "1.2.840.10008.1.2.1", object = "1.2.840.10008.5.1.4.1.1.2", image_type;
     std::string series = "1.2.3.1", description = "abdomen", instance = "1.2.3.4.1";
     std::string position = "-10\\-20\\30", orientation = "1\\0\\0\\0\\1\\0", spacing = "0.5\\0.75";
     std::string slope = "1", intercept = "-1024", photometric = "MONOCHROME2", frames, modality = "CT";
-    uint16_t rows = 3, columns = 4, samples = 1, is_signed = 0;
+    std::string padding, padding_limit; /* bytes: number(...) */
+    std::string code;                   /* compressed pixels, in one fragment */
+    uint16_t rows = 3, columns = 4, samples = 1, bits_allocated = 16, bits_stored = 16, is_signed = 0,
+             pixel_element = 0x10;
+    bool has_types = true, has_preamble = true,
+         has_meta = true; /* explicit VR; 128 bytes and DICM; the file meta group */
     std::vector<uint16_t> pixels = std::vector<uint16_t>(12, 1000);
 
     std::string bytes() const
     {
-        std::string meta = element(2, 0x10, "UI", "1.2.840.10008.1.2.1");
-        std::string out = std::string(128, '\0') + "DICM" + element(2, 0, "UL", bytes_of(std::vector<uint32_t>{uint32_t(meta.size())})) + meta;
-        out += element(8, 0x16, "UI", "1.2.840.10008.5.1.4.1.1.2") + element(8, 0x18, "UI", instance) + element(8, 0x60, "CS", modality) +
-               element(8, 0x103e, "LO", description) + element(0x18, 0x50, "DS", "7.0") + element(0x20, 0xe, "UI", series);
-        if (!position.empty()) out += element(0x20, 0x32, "DS", position);
-        out += element(0x20, 0x37, "DS", orientation) + element(0x28, 2, "US", number(samples)) + element(0x28, 4, "CS", photometric);
-        if (!frames.empty()) out += element(0x28, 8, "IS", frames);
-        out += element(0x28, 0x10, "US", number(rows)) + element(0x28, 0x11, "US", number(columns)) + element(0x28, 0x30, "DS", spacing) +
-               element(0x28, 0x100, "US", number(16)) + element(0x28, 0x101, "US", number(16)) + element(0x28, 0x102, "US", number(15)) +
-               element(0x28, 0x103, "US", number(is_signed)) + element(0x28, 0x1052, "DS", intercept) + element(0x28, 0x1053, "DS", slope);
-        return out + element(0x7fe0, 0x10, "OW", bytes_of(pixels));
+        std::string meta = (syntax.empty() ? "" : element(2, 0x10, "UI", syntax)) + element(2, 0x12, "UI", "1.2.3");
+        std::string out = has_preamble ? std::string(128, '\0') + "DICM" : "";
+        if (has_meta) out += element(2, 0, "UL", bytes_of(std::vector<uint32_t>{uint32_t(meta.size())})) + meta;
+        auto add = [&](uint16_t group, uint16_t tag, const std::string &type, const std::string &value) {
+            if (!value.empty()) out += has_types ? element(group, tag, type, value) : element(group, tag, "", value);
+        };
+        add(8, 8, "CS", image_type);
+        add(8, 0x16, "UI", object);
+        add(8, 0x18, "UI", instance);
+        add(8, 0x60, "CS", modality);
+        add(8, 0x103e, "LO", description);
+        add(0x18, 0x50, "DS", "7.0");
+        add(0x20, 0xe, "UI", series);
+        add(0x20, 0x32, "DS", position);
+        add(0x20, 0x37, "DS", orientation);
+        add(0x28, 2, "US", number(samples));
+        add(0x28, 4, "CS", photometric);
+        add(0x28, 8, "IS", frames);
+        add(0x28, 0x10, "US", number(rows));
+        add(0x28, 0x11, "US", number(columns));
+        add(0x28, 0x30, "DS", spacing);
+        add(0x28, 0x100, "US", number(bits_allocated));
+        add(0x28, 0x101, "US", number(bits_stored));
+        add(0x28, 0x102, "US", number(uint16_t(bits_stored - 1)));
+        add(0x28, 0x103, "US", number(is_signed));
+        add(0x28, 0x120, "US", padding);
+        add(0x28, 0x121, "US", padding_limit);
+        add(0x28, 0x1052, "DS", intercept);
+        add(0x28, 0x1053, "DS", slope);
+        if (!code.empty()) return out + encapsulated();
+        add(0x7fe0, pixel_element, "OW", bytes_of(pixels));
+        return out;
     }
     static std::string number(uint16_t value) { return bytes_of(std::vector<uint16_t>{value}); }
+    /* type "": implicit VR */
     static std::string element(uint16_t group, uint16_t tag, const std::string &type, std::string value)
     {
         if (value.size() % 2) value += type == "UI" ? '\0' : ' ';
-        std::string head = bytes_of(std::vector<uint16_t>{group, tag}) + type;
-        if (type == "OW") return head + std::string(2, '\0') + bytes_of(std::vector<uint32_t>{uint32_t(value.size())}) + value;
-        return head + number(uint16_t(value.size())) + value;
+        std::string head = bytes_of(std::vector<uint16_t>{group, tag}) + type,
+                    length = bytes_of(std::vector<uint32_t>{uint32_t(value.size())});
+        if (type == "OW") return head + std::string(2, '\0') + length + value;
+        return head + (type.empty() ? length : number(uint16_t(value.size()))) + value;
+    }
+
+private:
+    std::string encapsulated() const
+    {
+        const std::string item("\xfe\xff\x00\xe0", 4), end("\xfe\xff\xdd\xe0\0\0\0\0", 8), none(4, '\0');
+        std::string image = code + std::string(code.size() % 2, '\0');
+        return std::string("\xe0\x7f\x10\0OB\0\0\xff\xff\xff\xff", 12) + item + none + item +
+               bytes_of(std::vector<uint32_t>{uint32_t(image.size())}) + image + end;
     }
 };
+
+/* A stack of slices 2 mm apart along z, in shuffled files; change alters one before it is written. */
+template <class Change> void save_series(const temporary_folder &folder, int count, Change change)
+{
+    for (int n = 0; n < count; n++) {
+        dicom_file file;
+        file.position = "-10\\-20\\" + std::to_string(30 + 2 * n);
+        file.instance = "1.2.3.4." + std::to_string(n + 1);
+        std::fill(file.pixels.begin(), file.pixels.end(), uint16_t(100 * n));
+        file.pixels[1] = uint16_t(1024 + n);
+        change(n, &file);
+        save(folder / ("im" + std::to_string(n * 7 % 10) + "_" + std::to_string(n)), file.bytes());
+    }
+}
+
+inline void save_series(const temporary_folder &folder, int count)
+{
+    save_series(folder, count, [](int, dicom_file *) {});
+}
+
+/* What the library logs while this lives. */
+class log_catcher
+{
+public:
+    log_catcher()
+    {
+        said().clear();
+        pliant_set_log(
+            [](pliant_log_level level, const char *message, void *) {
+                if (level == PLIANT_LOG_WARNING) said() += std::string(message) + "\n";
+            },
+            nullptr);
+    }
+    ~log_catcher() { pliant_set_log(nullptr, nullptr); }
+    log_catcher(const log_catcher &) = delete;
+    log_catcher &operator=(const log_catcher &) = delete;
+    const std::string &warnings() const { return said(); }
+
+private:
+    static std::string &said()
+    {
+        static std::string text;
+        return text;
+    }
+};
+
+/* A warning, or none, with all these words. */
+inline void expect_words(const std::string &text, const std::vector<std::string> &words)
+{
+    EXPECT_EQ(text.empty(), words.empty()) << text;
+    for (const std::string &word : words)
+        EXPECT_NE(text.find(word), std::string::npos) << "\"" << word << "\" is not in: " << text;
+}
 
 /* Freed at the end of the test. */
 struct volume_holder {

@@ -73,23 +73,23 @@ PLIANT_API float pliant_volume_value(const pliant_volume *volume, size_t index);
  *  @param value   (count) out */
 PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
 
-/** Read a scan: a folder with a DICOM series (an image a file, or enhanced CT and MR and legacy converted ones of several frames;
- *  compressed ones through ITK's GDCM), or a file: DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
+/** Read a scan: a folder with a DICOM series (an image per file, or enhanced and legacy converted CT and MR of several frames), or a file:
+ *  DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
  *  @param series       Nullable: DICOM SeriesInstanceUID (or its unique ending) where a folder holds several
- *  @param memory_limit most bytes that reading may hold for voxels (those of the file and those of the volume where
- *                      they differ), checked from the header before any is allocated; 0: what the machine has free
- *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32.
- *  Slice spacing comes from positions. MONOCHROME1 is about the screen: Hounsfield units, activities and counts stay what they are;
- *  intensities without a unit (MR) are turned round (smallest + largest - value), so that what is shown bright has large values.
- *  Refused, with the file and the reason: what is truncated, not one regular 3-D
- *  grid with right angles, of several values per voxel, not finite, or too large.
+ *  @param memory_limit maximum number of bytes for voxels, checked from the header before any is allocated; 0: the free memory
+ *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32. Slice spacing comes from positions.
+ *  Scouts, colour pictures and empty files in a series are left out with a warning. PixelPaddingValue becomes air, or the darkest value.
+ *  MONOCHROME1 inverts intensities without a unit (smallest + largest - value); Hounsfield units, activities and counts keep their values.
+ *  The image must be one regular 3-D grid with right angles of one finite value per voxel, and complete. Otherwise it is refused with the
+ *  file and the reason. A child process decompresses JPEG, JPEG-LS and JPEG 2000 with GDCM, so that a damaged image cannot end this one.
+ *  A warning tells of places that are rounded: at most 0.1 mm or 5 % of the slice spacing from regular ones.
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
 PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
-/** Read a label map; values must be integers in 0..65535. */
+/** Read a label map: whole numbers in 0 .. 65535, to 1e-3 (scaled ones are rounded). A map without a label is read with a warning. */
 PLIANT_API pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
-/** Put labels on a grid that is theirs but for the order and the direction of its axes (a DICOM scan with labels drawn in
- *  a program that turned them); no value changes. Errors (labels untouched): ARGUMENT (other grids), MEMORY. */
+/** Put labels on the scan's grid, from which no corner is more than a tenth of a voxel away. Their axes may be turned. They may be cropped
+ *  to a part of the scan, with a warning. No value changes. Errors (labels untouched): ARGUMENT (other grids, with what differs), MEMORY. */
 PLIANT_API pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid);
 
 /** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them: UINT8

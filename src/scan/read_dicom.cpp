@@ -2,6 +2,7 @@
  * series is meant. */
 #include "scan/read_dicom.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -13,6 +14,7 @@ namespace {
 /* Tags: group << 16 | element (PS3.6). */
 enum : uint32_t {
     MEDIA_CLASS = 0x00020002,
+    IMAGE_TYPE = 0x00080008,
     CLASS = 0x00080016,
     INSTANCE = 0x00080018,
     MODALITY = 0x00080060,
@@ -30,10 +32,14 @@ enum : uint32_t {
     BITS_STORED = 0x00280101,
     HIGH_BIT = 0x00280102,
     PIXEL_REPRESENTATION = 0x00280103,
+    PADDING = 0x00280120,
+    PADDING_LIMIT = 0x00280121,
     INTERCEPT = 0x00281052,
     SLOPE = 0x00281053,
     RESCALE_TYPE = 0x00281054,
-    MODALITY_TABLE = 0x00283000
+    MODALITY_TABLE = 0x00283000,
+    FLOAT_PIXELS = 0x7fe00008,
+    DOUBLE_PIXELS = 0x7fe00009
 };
 
 /* Of a frame (from 0) by what its functional groups or the file say; empty when missing. */
@@ -53,10 +59,46 @@ double number_of(const std::string &name, const dicom_file &file, size_t frame, 
     return numbers.empty() ? otherwise : numbers[0];
 }
 
-/* How the numbers are stored, which is the same for all frames; fails for colour and otherwise unusable images. */
+bool is_colour(const dicom_file &file)
+{
+    const std::string colours = file.text(PHOTOMETRIC);
+    return file.whole(SAMPLES, 1) != 1 || (!colours.empty() && colours.compare(0, 10, "MONOCHROME") != 0);
+}
+
+/* Fail if the file holds no numbers that can be read, with the remedy. */
+void check_readable(const std::string &path, const dicom_file &file)
+{
+    const std::string object = refused_object(file.text(CLASS));
+    if (!object.empty()) fail(PLIANT_ERROR_FORMAT, "%s: is %s", path.c_str(), object.c_str());
+    if (!file.has_pixels)
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: its pixels are %s, which are not supported: store whole numbers with RescaleSlope and "
+             "RescaleIntercept, or convert it to NIfTI",
+             path.c_str(), file.has(FLOAT_PIXELS) ? "FloatPixelData (7fe0,0008)" : "DoubleFloatPixelData (7fe0,0009)");
+    const std::string compression = file.compressed ? refused_compression(file.transfer_syntax) : "";
+    if (!compression.empty()) fail(PLIANT_ERROR_FORMAT, "%s: %s", path.c_str(), compression.c_str());
+    if (is_colour(file))
+        fail(PLIANT_ERROR_FORMAT, "%s: a colour image (%s); one value per voxel is needed: take it out of the folder",
+             path.c_str(), file.text(PHOTOMETRIC).c_str());
+}
+
+/* PixelPaddingValue, or from it to PixelPaddingRangeLimit, as signed or unsigned as the pixels are. */
+void read_padding(const dicom_file &file, dicom_pixels *pixels)
+{
+    auto number = [&](uint32_t tag, int otherwise) {
+        const int value = file.whole(tag, otherwise);
+        return pixels->is_signed ? static_cast<int>(static_cast<int16_t>(value)) : value & 0xffff;
+    };
+    pixels->has_padding = file.has(PADDING) && file.values.at(PADDING).size() >= 2;
+    if (!pixels->has_padding) return;
+    const int value = number(PADDING, 0), limit = number(PADDING_LIMIT, value);
+    pixels->padding_low = std::min(value, limit);
+    pixels->padding_high = std::max(value, limit);
+}
+
+/* How the numbers are stored, which is the same for all frames; fails for unusable images. */
 dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 {
-    std::string colours = file.text(PHOTOMETRIC);
     dicom_pixels pixels;
     pixels.transfer_syntax = file.transfer_syntax;
     pixels.compressed = file.compressed;
@@ -65,16 +107,17 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
     pixels.bits_allocated = file.whole(BITS_ALLOCATED, 16);
     pixels.bits_stored = file.whole(BITS_STORED, pixels.bits_allocated);
     pixels.is_signed = file.whole(PIXEL_REPRESENTATION, 0) != 0;
-
-    if (file.whole(SAMPLES, 1) != 1 || (!colours.empty() && colours.compare(0, 10, "MONOCHROME") != 0))
-        fail(PLIANT_ERROR_FORMAT, "%s: a colour image (%s); one value per voxel is needed", path.c_str(), colours.c_str());
+    check_readable(path, file);
     if (pixels.rows < 1 || pixels.columns < 1) fail(PLIANT_ERROR_FORMAT, "%s: Rows and Columns are missing or 0", path.c_str());
     if (pixels.type() == component::none || pixels.bits_stored < 1 || pixels.bits_stored > pixels.bits_allocated ||
         file.whole(HIGH_BIT, pixels.bits_stored - 1) != pixels.bits_stored - 1)
-        fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d with HighBit %d is not supported; 8, 16 or 32 with HighBit one less are",
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: %d bits stored in %d with HighBit %d is not supported; 8, 16 or 32 with HighBit one less are: "
+             "convert it to NIfTI",
              path.c_str(), pixels.bits_stored, pixels.bits_allocated, file.whole(HIGH_BIT, pixels.bits_stored - 1));
     if (file.has(MODALITY_TABLE) && !file.has(SLOPE))
         fail(PLIANT_ERROR_FORMAT, "%s: values by a ModalityLUTSequence are not supported; RescaleSlope and RescaleIntercept are", path.c_str());
+    read_padding(file, &pixels);
     return pixels;
 }
 
@@ -116,6 +159,7 @@ void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_fi
     pixels.parts = parts;
     pixels.slope = number_of(place, file, frame, SLOPE, "RescaleSlope", 1.0);
     pixels.intercept = number_of(place, file, frame, INTERCEPT, "RescaleIntercept", 0.0);
+    pixels.has_rescale = !file.text_of_frame(frame, INTERCEPT).empty();
     if (pixels.slope == 0.0) fail(PLIANT_ERROR_FORMAT, "%s: RescaleSlope is 0", place.c_str());
     slice->inverted = is_turned_round(file, frame);
     slice->position = numbers_of(place, file, frame, POSITION, 3, "ImagePositionPatient");
@@ -123,15 +167,23 @@ void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_fi
     slice->spacing = numbers_of(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
 }
 
-/* The images of one file, behind those that are there: none when it is no DICOM image (a report, an index, a text file), one, or its
- * frames. */
-bool read_slices(const std::string &path, std::vector<dicom_slice> *slices)
+/* Return whether a file is a picture in colour, or a film without places, and so no slice of any stack. */
+bool is_picture(const dicom_file &file)
+{
+    const std::string frames = file.text(FRAMES);
+    return file.has_pixels && (is_colour(file) || (file.frames.empty() && !frames.empty() && frames != "1"));
+}
+
+/* Append the image of a file, or its frames, to slices. Return false if the file is no DICOM image (a report, an index,
+ * a text file); then *object is its description, or empty. */
+bool read_slices(const std::string &path, std::vector<dicom_slice> *slices, std::string *object)
 {
     const char *const index_class = "1.2.840.10008.1.3.10"; /* DICOMDIR */
     dicom_file file;
     if (!read_dicom_file(path, &file) || file.text(MEDIA_CLASS) == index_class) return false;
-    if (!file.has_pixels) {
-        if (!file.has(CLASS) || file.has(ROWS) || is_image_class(file.text(CLASS)))
+    if (!file.has_pixels && !file.has(FLOAT_PIXELS) && !file.has(DOUBLE_PIXELS)) {
+        *object = refused_object(file.text(CLASS));
+        if (object->empty() && (!file.has(CLASS) || file.has(ROWS) || is_image_class(file.text(CLASS))))
             fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file: an image without PixelData", path.c_str());
         return false;
     }
@@ -142,6 +194,7 @@ bool read_slices(const std::string &path, std::vector<dicom_slice> *slices)
     slice.description = file.text(SERIES_DESCRIPTION);
     slice.instance = file.text(INSTANCE);
     slice.modality = modality_of(file.text(MODALITY));
+    slice.is_scout = file.text(IMAGE_TYPE).find("LOCALIZER") != std::string::npos;
     const size_t before = slices->size();
     try {
         slice.pixels = stored_pixels(path, file);
@@ -159,6 +212,7 @@ bool read_slices(const std::string &path, std::vector<dicom_slice> *slices)
     } catch (const failure &failure) {
         slices->resize(before);
         slice.problem = failure.text;
+        slice.is_picture = is_picture(file);
         slices->push_back(slice);
     }
     return true;
@@ -184,15 +238,21 @@ series_map read_folder(const std::string &folder)
     std::vector<std::string> files = files_in(folder, &has_folders);
     series_map series;
     size_t ignored = 0;
+    std::string other;
     for (const std::string &path : files) {
         std::vector<dicom_slice> slices;
-        if (file_size(path) == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
-        if (!read_slices(path, &slices)) ignored++;
+        std::string object;
+        if (file_size(path) == 0)
+            pliant_log(PLIANT_LOG_WARNING, "%s: is empty and was left out: if it was a slice, copy it again",
+                       path.c_str());
+        else if (!read_slices(path, &slices, &object))
+            ignored++;
+        if (!object.empty()) other = "; " + path + " is " + object;
         for (dicom_slice &slice : slices) series[slice.series].push_back(std::move(slice));
     }
     if (series.empty())
-        fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image in this folder (%zu files, none of them one)%s", folder.c_str(), files.size(),
-             has_folders ? "; its subfolders are not searched" : "");
+        fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image in this folder (%zu files, none of them one)%s%s", folder.c_str(),
+             files.size(), has_folders ? "; its subfolders are not searched" : "", other.c_str());
     if (ignored) pliant_log(PLIANT_LOG_INFO, "%s: %zu files are no DICOM images and were left out", folder.c_str(), ignored);
     return series;
 }
@@ -243,7 +303,9 @@ bool is_dicom_file(const std::string &path)
 std::unique_ptr<image_source> open_dicom_file(const std::string &path)
 {
     std::vector<dicom_slice> slices;
-    if (!read_slices(path, &slices)) fail(PLIANT_ERROR_FORMAT, "%s: no DICOM image", path.c_str());
+    std::string object;
+    if (!read_slices(path, &slices, &object))
+        fail(PLIANT_ERROR_FORMAT, "%s: %s", path.c_str(), object.empty() ? "no DICOM image" : ("is " + object).c_str());
     if (!slices.front().problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slices.front().problem.c_str());
     if (slices.size() == 1) fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series", path.c_str());
     return open_series(path, std::move(slices));

@@ -42,6 +42,9 @@ struct dicom_pixels {
     int rows = 0, columns = 0, bits_allocated = 16, bits_stored = 16;
     bool is_signed = false;
     double slope = 1.0, intercept = 0.0;
+    bool has_rescale = false; /* the header names an intercept */
+    bool has_padding = false;
+    int padding_low = 0, padding_high = 0; /* PixelPaddingValue to PixelPaddingRangeLimit, as stored */
 
     size_t count() const { return static_cast<size_t>(rows) * static_cast<size_t>(columns); }
     component type() const;
@@ -50,8 +53,17 @@ struct dicom_pixels {
 /* The parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */
 std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes);
 
-/* rows x columns numbers of type(), slope and intercept not applied. Fails with FORMAT. */
-void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out);
+/* rows x columns numbers of type(), slope and intercept not applied. Fails with FORMAT.
+ * padded: which of them are padding; empty where the file declares none. */
+void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out, std::vector<bool> *padded);
+/* The same of one JPEG, JPEG-LS or JPEG 2000 image, bits above the stored ones included. Fails with FORMAT, MEMORY. */
+void decompress_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image, void *out);
+
+/* Return why pixels of a transfer syntax cannot be decompressed, with the remedy; "" when they can. */
+std::string refused_compression(const std::string &transfer_syntax);
+/* Return the description of an object without a readable image, by its SOP class, with the remedy; "" for all other
+ * classes. */
+std::string refused_object(const std::string &sop_class);
 
 /* One image: a file, or a frame of one. */
 struct dicom_slice {
@@ -64,6 +76,8 @@ struct dicom_slice {
     std::vector<double> orientation;           /* 6: direction of rows, of columns */
     std::vector<double> spacing;               /* 2: between rows, between columns [mm] */
     std::string problem;                       /* why it cannot be read; matters only if its series is chosen */
+    bool is_picture = false;                   /* the problem: it is in colour or a film, so no slice of any stack */
+    bool is_scout = false;                     /* ImageType says LOCALIZER */
     double along = 0.0;                        /* position along the normal [mm] */
 };
 

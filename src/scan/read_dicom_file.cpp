@@ -58,9 +58,8 @@ public:
             skip(e.length);
         }
         out_->transfer_syntax = out_->text(TRANSFER_SYNTAX);
-        if (!magic && out_->transfer_syntax.empty()) {
-            out_->transfer_syntax = std::isupper(static_cast<unsigned char>(start[4])) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
-        }
+        if (at_ >= size_) truncated();
+        if (out_->transfer_syntax.empty()) out_->transfer_syntax = guessed_transfer_syntax();
         check_transfer_syntax();
         explicit_ = out_->transfer_syntax != "1.2.840.10008.1.2";
         while (at_ < size_ && !out_->has_pixels) {
@@ -118,23 +117,38 @@ private:
     static uint32_t tag_of(const std::string &raw) { return number(raw, 0, 2) << 16 | number(raw, 2, 2); }
     uint32_t peek_tag() { return tag_of(bytes(at_, 4)); }
 
-    /* Old files without the 128 bytes in front begin with group 8, and with an element that makes sense. */
+    static bool has_type(const std::string &head)
+    { return std::isupper(static_cast<unsigned char>(head[4])) && std::isupper(static_cast<unsigned char>(head[5])); }
+
+    /* Old files without the 128 bytes in front begin with group 8, and with an element that makes sense; or with the
+     * file meta group. */
     static bool looks_like_data_set(const std::string &start)
     {
-        if (start.size() < 132 || number(start, 0, 2) != 8) return false;
-        bool has_type = std::isupper(static_cast<unsigned char>(start[4])) && std::isupper(static_cast<unsigned char>(start[5]));
-        return number(start, 2, 2) <= 0x18 && (has_type || number(start, 4, 4) <= 64);
+        if (start.size() < 132) return false;
+        if (number(start, 0, 2) == 2) return has_type(start) && number(start, 2, 2) <= 0x16;
+        return number(start, 0, 2) == 8 && number(start, 2, 2) <= 0x18 &&
+               (has_type(start) || number(start, 4, 4) <= 64);
+    }
+
+    /* Return the transfer syntax of a file that names none. Its first element has a type, or none as is the default of
+     * DICOM. */
+    std::string guessed_transfer_syntax()
+    {
+        const std::string head = bytes(at_, 8);
+        if (head[0] == 0 && head[1] != 0) return "1.2.840.10008.1.2.2"; /* group 8 with its high byte first */
+        return has_type(head) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
     }
 
     void check_transfer_syntax()
     {
         const std::string &syntax = out_->transfer_syntax;
-        if (at_ >= size_) truncated();
+        const char *const remedy = "convert it with gdcmconv --raw, dcmconv +te, or to NIfTI";
         if (syntax == "1.2.840.10008.1.2.2" || syntax == "1.2.840.10008.1.2.1.99")
-            fail(PLIANT_ERROR_FORMAT, "%s: %s DICOM files are not supported; store it little-endian", path_.c_str(),
-                 syntax == "1.2.840.10008.1.2.2" ? "big-endian" : "deflated");
+            fail(PLIANT_ERROR_FORMAT, "%s: %s DICOM files are not supported; %s", path_.c_str(),
+                 syntax == "1.2.840.10008.1.2.2" ? "big-endian" : "deflated", remedy);
         if (syntax.compare(0, 17, "1.2.840.10008.1.2") != 0)
-            fail(PLIANT_ERROR_FORMAT, "%s: transfer syntax \"%.64s\" is not supported", path_.c_str(), syntax.c_str());
+            fail(PLIANT_ERROR_FORMAT, "%s: transfer syntax \"%.64s\" is not supported; %s", path_.c_str(),
+                 syntax.c_str(), remedy);
     }
 
     element next_element(bool with_type)

@@ -1,12 +1,7 @@
-/* The numbers of one DICOM image: as they are in the file, RLE, or decompressed by the GDCM that ITK reads DICOM with. */
+/* The numbers of one DICOM image: as they are in the file, or RLE; read_dicom_codecs.cpp has the JPEG family. */
 #include "scan/read_dicom.h"
 
-#include <gdcmImageReader.h>
-#include <gdcmTrace.h>
-
 #include <cstring>
-#include <mutex>
-#include <sstream>
 
 namespace pliant_read {
 
@@ -35,13 +30,12 @@ template <class Number> void clean_bits(int stored, size_t count, Number *values
 {
     const int above = static_cast<int>(8 * sizeof(Number)) - stored;
     if (above == 0) return;
-    const Number scale = static_cast<Number>(Number(1) << above);
     for (size_t n = 0; n < count; n++) {
         typename std::make_unsigned<Number>::type raw;
         std::memcpy(&raw, values + n, sizeof raw);
         raw = static_cast<decltype(raw)>(raw << above);
         std::memcpy(values + n, &raw, sizeof raw);
-        values[n] = static_cast<Number>(values[n] / scale); /* exact; takes the sign along */
+        values[n] = static_cast<Number>(values[n] >> above); /* takes the sign along */
     }
 }
 
@@ -58,108 +52,7 @@ void clean(const dicom_pixels &pixels, void *out)
     }
 }
 
-/* GDCM's messages go to the console, and whether is one switch for the process: while one of these lives, they are
- * off, and this thread alone decompresses. */
-class quiet_gdcm {
-public:
-    quiet_gdcm() : lock_(mutex()), debug_(gdcm::Trace::GetDebugFlag()), warning_(gdcm::Trace::GetWarningFlag()), error_(gdcm::Trace::GetErrorFlag())
-    {
-        set(false, false, false);
-    }
-    ~quiet_gdcm() { set(debug_, warning_, error_); }
-    quiet_gdcm(const quiet_gdcm &) = delete;
-    quiet_gdcm &operator=(const quiet_gdcm &) = delete;
-
-private:
-    std::lock_guard<std::mutex> lock_;
-    bool debug_, warning_, error_;
-    static std::mutex &mutex()
-    {
-        static std::mutex one;
-        return one;
-    }
-    static void set(bool debug, bool warning, bool error)
-    {
-        gdcm::Trace::SetDebug(debug);
-        gdcm::Trace::SetWarning(warning);
-        gdcm::Trace::SetError(error);
-    }
-};
-
-std::string little_endian(uint32_t value, int bytes)
-{
-    std::string out;
-    for (int n = 0; n < bytes; n++) out += static_cast<char>(value >> 8 * n & 0xff);
-    return out;
-}
-
-std::string element(uint16_t group, uint16_t tag, const char *type, std::string value)
-{
-    if (value.size() % 2) value += std::strcmp(type, "UI") == 0 ? '\0' : ' ';
-    return little_endian(group, 2) + little_endian(tag, 2) + type + little_endian(static_cast<uint32_t>(value.size()), 2) + value;
-}
-
-/* A DICOM file with nothing but what decompression needs, so that nothing else in the original can disturb it. */
-std::string bare_file(const dicom_pixels &pixels, std::string image)
-{
-    const char *const ct_image = "1.2.840.10008.5.1.4.1.1.2";
-    std::string meta = element(2, 2, "UI", ct_image) + element(2, 3, "UI", "1.2.3") + element(2, 0x10, "UI", pixels.transfer_syntax);
-    std::string file = std::string(128, '\0') + "DICM" + element(2, 0, "UL", little_endian(static_cast<uint32_t>(meta.size()), 4)) + meta;
-    auto number = [](int value) { return little_endian(static_cast<uint32_t>(value), 2); };
-    file += element(8, 0x16, "UI", ct_image) + element(8, 0x18, "UI", "1.2.3") + element(0x28, 2, "US", number(1)) +
-            element(0x28, 4, "CS", "MONOCHROME2") + element(0x28, 0x10, "US", number(pixels.rows)) +
-            element(0x28, 0x11, "US", number(pixels.columns)) + element(0x28, 0x100, "US", number(pixels.bits_allocated)) +
-            element(0x28, 0x101, "US", number(pixels.bits_stored)) + element(0x28, 0x102, "US", number(pixels.bits_stored - 1)) +
-            element(0x28, 0x103, "US", number(pixels.is_signed));
-    if (image.size() % 2) image += '\0';
-    const std::string item("\xfe\xff\x00\xe0", 4);
-    return file + little_endian(0x7fe0, 2) + little_endian(0x10, 2) + "OB" + std::string(2, '\0') + "\xff\xff\xff\xff" + item + little_endian(0, 4) +
-           item + little_endian(static_cast<uint32_t>(image.size()), 4) + image + std::string("\xfe\xff\xdd\xe0", 4) + little_endian(0, 4);
-}
-
-/* A JPEG or JPEG-LS image with no other segments than its data need (ISO 10918-1 annex B), which are checked: GDCM
- * stops the process on headers that it does not expect, comments among them. */
-std::string bare_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image)
-{
-    auto byte = [&](size_t at) { return at < image.size() ? static_cast<unsigned char>(image[at]) : 0; };
-    auto pair = [&](size_t at) { return byte(at) << 8 | byte(at + 1); };
-    const int start = 0xffd8, scan = 0xda, frame_jpeg_ls = 0xf7;
-    std::string kept = image.substr(0, 2);
-    bool has_frame = false;
-    size_t at = 2;
-    for (bool going = pair(0) == start; going;) {
-        while (byte(at) == 0xff && byte(at + 1) == 0xff) at++; /* fill */
-        int marker = byte(at + 1);
-        size_t length = static_cast<size_t>(pair(at + 2));
-        if (byte(at) != 0xff || length < 2 || at + 2 + length > image.size()) break;
-        bool frame = (marker >= 0xc0 && marker <= 0xc3) || marker == frame_jpeg_ls;
-        bool table = marker == 0xc4 || marker == 0xdb || marker == 0xdd || marker == 0xf8;
-        bool comment = (marker >= 0xe0 && marker <= 0xef) || marker == 0xfe;
-        if (frame) {
-            if (has_frame || length < 11 || byte(at + 4) < 2 || byte(at + 4) > pixels.bits_allocated || pair(at + 5) != pixels.rows ||
-                pair(at + 7) != pixels.columns || byte(at + 9) != 1)
-                break;
-            has_frame = true;
-        } else if (marker == scan) {
-            if (has_frame && byte(at + 4) == 1) return kept + image.substr(at);
-            break;
-        } else if (!table && !comment) {
-            break;
-        }
-        if (!comment) kept += image.substr(at, 2 + length);
-        at += 2 + length;
-    }
-    fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged: no JPEG image of %d x %d numbers", path.c_str(), pixels.columns, pixels.rows);
-}
-
-bool is_jpeg(const std::string &transfer_syntax)
-{
-    const std::string jpeg = "1.2.840.10008.1.2.4."; /* .50 to .70: JPEG, .80 and .81: JPEG-LS, from .90: JPEG 2000 and video */
-    return transfer_syntax.size() == jpeg.size() + 2 && transfer_syntax.compare(0, jpeg.size(), jpeg) == 0 && transfer_syntax[jpeg.size()] <= '8';
-}
-
-/* RLE (PS3.5 annex G): a segment for every byte of a number, the highest first; runs as in PackBits. Not by GDCM, which stops the
- * process when a segment holds too little. */
+/* RLE (PS3.5 annex G): a segment for every byte of a number, the highest first; runs as in PackBits. */
 void decode_run_length(const std::string &path, const dicom_pixels &pixels, const std::string &coded, void *out)
 {
     const size_t size = component_size(pixels.type()), head = 64;
@@ -192,23 +85,10 @@ void decompress(const std::string &path, const dicom_pixels &pixels, void *out)
 {
     std::string coded;
     for (const dicom_file::part &part : pixels.parts) coded += file_part(path, part);
-    if (pixels.transfer_syntax == "1.2.840.10008.1.2.5") return decode_run_length(path, pixels, coded, out);
-    quiet_gdcm quiet;
-    if (is_jpeg(pixels.transfer_syntax)) coded = bare_jpeg(path, pixels, coded);
-    std::istringstream stream(bare_file(pixels, coded));
-    gdcm::ImageReader reader;
-    reader.SetStream(stream);
-    if (!reader.Read())
-        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels cannot be read (transfer syntax %s)", path.c_str(), pixels.transfer_syntax.c_str());
-    const gdcm::Image &image = reader.GetImage();
-    const gdcm::PixelFormat &format = image.GetPixelFormat();
-    size_t bytes = pixels.count() * component_size(pixels.type());
-    if (image.GetBufferLength() != bytes || format.GetBitsAllocated() != pixels.bits_allocated || format.GetSamplesPerPixel() != 1 ||
-        format.GetPixelRepresentation() != pixels.is_signed)
-        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are not %d x %d numbers of %d bits%s as the header says", path.c_str(),
-             pixels.columns, pixels.rows, pixels.bits_allocated, pixels.is_signed ? " with sign" : "");
-    if (!image.GetBuffer(static_cast<char *>(out)))
-        fail(PLIANT_ERROR_FORMAT, "%s: the compressed pixels are damaged (transfer syntax %s)", path.c_str(), pixels.transfer_syntax.c_str());
+    if (pixels.transfer_syntax == "1.2.840.10008.1.2.5")
+        decode_run_length(path, pixels, coded, out);
+    else
+        decompress_jpeg(path, pixels, coded, out);
 }
 
 } // namespace
@@ -250,7 +130,33 @@ std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &pa
     return parts;
 }
 
-void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out)
+namespace
+{
+
+/* Marks the numbers that the header declares as padding. PixelPaddingValue has 16 bits, with the sign of the pixels. */
+template <class Number> void mark(const dicom_pixels &pixels, const void *values, std::vector<bool> *padded)
+{
+    const Number *v = static_cast<const Number *>(values);
+    for (size_t n = 0; n < pixels.count(); n++)
+        if (v[n] >= pixels.padding_low && v[n] <= pixels.padding_high) (*padded)[n] = true;
+}
+
+void mark_padding(const dicom_pixels &pixels, const void *values, std::vector<bool> *padded)
+{
+    switch (pixels.type()) {
+    case component::uint8: return mark<uint8_t>(pixels, values, padded);
+    case component::int8: return mark<int8_t>(pixels, values, padded);
+    case component::uint16: return mark<uint16_t>(pixels, values, padded);
+    case component::int16: return mark<int16_t>(pixels, values, padded);
+    case component::uint32: return mark<uint32_t>(pixels, values, padded);
+    case component::int32: return mark<int32_t>(pixels, values, padded);
+    default: return;
+    }
+}
+
+} // namespace
+
+void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out, std::vector<bool> *padded)
 {
     if (pixels.compressed) {
         decompress(path, pixels, out);
@@ -258,7 +164,10 @@ void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void
         byte_stream stream(path, pixels.parts.front().offset, byte_stream::packing::none);
         stream.read_exactly(out, pixels.count() * component_size(pixels.type()), "the pixel data");
     }
+    padded->assign(pixels.has_padding ? pixels.count() : 0, false);
+    if (pixels.has_padding) mark_padding(pixels, out, padded); /* padding may use bits above the stored ones */
     clean(pixels, out);
+    if (pixels.has_padding) mark_padding(pixels, out, padded);
 }
 
 } // namespace pliant_read

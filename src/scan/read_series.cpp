@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <cstdio>
+#include <limits>
+#include <set>
 #include <type_traits>
 
 namespace pliant_read {
@@ -22,29 +24,125 @@ void cross(const double *a, const double *b, double *out)
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Every slice has what a grid needs, and it is the same for all. */
+const size_t MOST_NAMES = 8; /* in a message */
+
+std::string place_of(const dicom_slice &slice) { return folder_of(slice.path) + slice.name; }
+
+/* Return the name of a property that a slice needs and lacks; "" if it lacks none. */
+std::string lack_of(const dicom_slice &slice)
+{
+    if (!slice.problem.empty()) return slice.problem;
+    if (slice.position.empty())
+        return place_of(slice) + ": no ImagePositionPatient: the place of the slice is not known";
+    if (slice.orientation.empty()) return place_of(slice) + ": no ImageOrientationPatient";
+    if (slice.spacing.empty()) return place_of(slice) + ": no PixelSpacing";
+    return "";
+}
+
+/* Return why two complete slices cannot lie in one stack; "" if they can. */
+std::string difference(const dicom_slice &slice, const dicom_slice &other)
+{
+    char text[400] = "";
+    const char *const name = other.name.c_str();
+    if (slice.pixels.rows != other.pixels.rows || slice.pixels.columns != other.pixels.columns)
+        snprintf(text, sizeof text, "%d x %d pixels, but %.200s of the same series has %d x %d", slice.pixels.columns,
+                 slice.pixels.rows, name, other.pixels.columns, other.pixels.rows);
+    for (size_t d = 0; d < 6 && !*text; d++)
+        if (std::fabs(slice.orientation[d] - other.orientation[d]) > 1e-3)
+            snprintf(text, sizeof text, "ImageOrientationPatient differs from that of %.200s of the same series", name);
+    for (size_t d = 0; d < 2 && !*text; d++)
+        if (std::fabs(slice.spacing[d] - other.spacing[d]) > 1e-3 * std::fabs(other.spacing[d]))
+            snprintf(text, sizeof text, "PixelSpacing %g x %g mm, but %.200s of the same series has %g x %g",
+                     slice.spacing[0], slice.spacing[1], name, other.spacing[0], other.spacing[1]);
+    return text;
+}
+
+/* Slices that can lie in one stack, by their numbers. */
+std::vector<std::vector<size_t>> groups_of(const std::vector<dicom_slice> &slices,
+                                           const std::vector<size_t> &candidates)
+{
+    std::vector<std::vector<size_t>> groups;
+    for (size_t n : candidates) {
+        auto group = std::find_if(groups.begin(), groups.end(), [&](const std::vector<size_t> &one) {
+            return difference(slices[n], slices[one.front()]).empty();
+        });
+        if (group == groups.end())
+            groups.push_back({n});
+        else
+            group->push_back(n);
+    }
+    return groups;
+}
+
+std::string why_left_out(const dicom_slice &slice, const dicom_slice &kept)
+{
+    const std::string lack = lack_of(slice);
+    if (!lack.empty()) return lack;
+    return place_of(slice) + ": " + (slice.is_scout ? "a scout (ImageType says LOCALIZER)" : difference(slice, kept));
+}
+
+/* Keep the stack of a series that also holds scouts, pictures or other views. Return why each other image was left out,
+ * for messages. */
+std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slices)
+{
+    std::vector<size_t> placed, candidates;
+    for (size_t n = 0; n < slices->size(); n++) {
+        const dicom_slice &slice = (*slices)[n];
+        if (!slice.problem.empty() && !slice.is_picture) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
+        if (lack_of(slice).empty()) placed.push_back(n);
+    }
+    if (placed.empty()) fail(PLIANT_ERROR_FORMAT, "%s", lack_of(slices->front()).c_str());
+    for (size_t n : placed)
+        if (!(*slices)[n].is_scout) candidates.push_back(n);
+    if (candidates.empty()) candidates = placed;
+    std::vector<std::vector<size_t>> groups = groups_of(*slices, candidates);
+    const std::vector<size_t> stack =
+        *std::max_element(groups.begin(), groups.end(), [](const std::vector<size_t> &a, const std::vector<size_t> &b) {
+            return a.size() < b.size();
+        });
+    std::string text;
+    size_t num_left_out = slices->size() - stack.size(), named = 0;
+    std::vector<bool> is_kept(slices->size(), false);
+    std::vector<dicom_slice> kept;
+    std::set<std::string> files;
+    for (size_t n : stack) {
+        is_kept[n] = true;
+        files.insert((*slices)[n].path);
+        kept.push_back((*slices)[n]);
+    }
+    for (size_t n = 0; n < slices->size(); n++) {
+        if (is_kept[n]) continue;
+        const std::string why = why_left_out((*slices)[n], kept.front());
+        if (files.count((*slices)[n].path))
+            fail(PLIANT_ERROR_FORMAT, "%s", why.c_str()); /* its file also holds slices of the stack */
+        if (named++ < MOST_NAMES) text += (text.empty() ? "" : "; ") + why;
+    }
+    if (named > MOST_NAMES) text += "; and " + std::to_string(named - MOST_NAMES) + " more";
+    if (2 * stack.size() <= candidates.size())
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: images of several sizes or orientations, no kind of which is the larger part: move those that are "
+             "not meant to another folder: %s",
+             folder.c_str(), text.c_str());
+    if (num_left_out)
+        pliant_log(PLIANT_LOG_WARNING,
+                   "%s: %zu images of the series lie in no stack with the other %zu and were left out: %s",
+                   folder.c_str(), num_left_out, stack.size(), text.c_str());
+    *slices = std::move(kept);
+    return text;
+}
+
+/* Fail if the numbers of the slices have different meanings. */
 void check_alike(const std::vector<dicom_slice> &slices)
 {
     const dicom_slice &first = slices.front();
     for (const dicom_slice &slice : slices) {
         if (slice.inverted != first.inverted)
             fail(PLIANT_ERROR_FORMAT, "%s: some images of the series are MONOCHROME1, others MONOCHROME2", slice.path.c_str());
-        const std::string place = folder_of(slice.path) + slice.name;
-        const char *path = place.c_str();
-        if (!slice.problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slice.problem.c_str());
-        if (slice.position.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImagePositionPatient: the place of the slice is not known", path);
-        if (slice.orientation.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no ImageOrientationPatient", path);
-        if (slice.spacing.empty()) fail(PLIANT_ERROR_FORMAT, "%s: no PixelSpacing", path);
-        if (slice.pixels.rows != first.pixels.rows || slice.pixels.columns != first.pixels.columns)
-            fail(PLIANT_ERROR_FORMAT, "%s: %d x %d pixels, but %s of the same series has %d x %d", path, slice.pixels.columns,
-                 slice.pixels.rows, first.name.c_str(), first.pixels.columns, first.pixels.rows);
-        for (size_t d = 0; d < 6; d++)
-            if (std::fabs(slice.orientation[d] - first.orientation[d]) > 1e-3)
-                fail(PLIANT_ERROR_FORMAT, "%s: ImageOrientationPatient differs from that of %s of the same series", path, first.name.c_str());
-        for (size_t d = 0; d < 2; d++)
-            if (std::fabs(slice.spacing[d] - first.spacing[d]) > 1e-3 * std::fabs(first.spacing[d]))
-                fail(PLIANT_ERROR_FORMAT, "%s: PixelSpacing %g x %g mm, but %s of the same series has %g x %g", path, slice.spacing[0],
-                     slice.spacing[1], first.name.c_str(), first.spacing[0], first.spacing[1]);
+        if (slice.pixels.has_rescale != first.pixels.has_rescale)
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: some images of the series have a RescaleIntercept, others none: add it to all, as their scanner "
+                 "wrote it",
+                 slice.path.c_str());
     }
 }
 
@@ -61,46 +159,101 @@ void check_duplicates(const std::string &folder, const std::vector<dicom_slice> 
     }
 }
 
-/* The slices stand one step apart along a line. A fiftieth of a step, a tenth of a pixel sideways are rounding.
- * Returns the step along the normal [mm]. */
-double check_steps(const std::string &folder, const std::vector<dicom_slice> &sorted, const double normal[3])
+/* Places on one line at one distance. */
+struct regular {
+    double step, first[3]; /* along the normal; where the first slice should be [mm] */
+};
+
+/* Return the regular places nearest to the slices (least squares). */
+regular fit_line(const std::vector<dicom_slice> &sorted, const double normal[3])
+{
+    const double count = static_cast<double>(sorted.size()), middle = 0.5 * (count - 1.0);
+    regular line = {0.0, {0.0, 0.0, 0.0}};
+    double weight = 0.0;
+    for (size_t n = 0; n < sorted.size(); n++) {
+        const double from_middle = static_cast<double>(n) - middle;
+        line.step += from_middle * sorted[n].along;
+        weight += from_middle * from_middle;
+        for (size_t d = 0; d < 3; d++) line.first[d] += sorted[n].position[d] / count;
+    }
+    line.step /= weight;
+    for (size_t d = 0; d < 3; d++) line.first[d] -= middle * line.step * normal[d];
+    return line;
+}
+
+/* Fail if a gap is a multiple of the usual one. */
+void check_missing(const std::string &folder, const std::vector<dicom_slice> &sorted, const std::vector<double> &gaps,
+                   double usual)
+{
+    for (size_t g = 0; g < gaps.size(); g++) {
+        const double missing = std::round(gaps[g] / usual) - 1.0;
+        if (missing >= 1.0 && std::fabs(gaps[g] - (missing + 1.0) * usual) < 0.1 * (missing + 1.0) * usual)
+            fail(PLIANT_ERROR_FORMAT, "%s: %.0f slice(s) missing between %s and %s: %g mm apart, others are %g mm",
+                 folder.c_str(), missing, sorted[g].name.c_str(), sorted[g + 1].name.c_str(), gaps[g], usual);
+    }
+}
+
+/* Return the distance of a slice from the line through `from` along the normal [mm]. */
+double sideways(const dicom_slice &slice, const double from[3], const double normal[3])
+{
+    double offset[3], square = 0.0;
+    for (size_t d = 0; d < 3; d++) offset[d] = slice.position[d] - from[d];
+    const double along = dot(offset, normal);
+    for (size_t d = 0; d < 3; d++) square += std::pow(offset[d] - along * normal[d], 2);
+    return std::sqrt(square);
+}
+
+/* Return the regular places of slices that stand one step apart along a line. A deviation by a fiftieth of a step, or
+ * by a tenth of a pixel sideways, is rounding. Places rounded to 0.1 mm, or off by a twentieth of a step, give a
+ * warning. */
+regular check_steps(const std::string &folder, const std::vector<dicom_slice> &sorted, const double normal[3])
 {
     const dicom_slice &first = sorted.front(), &last = sorted.back();
-    double step = (last.along - first.along) / static_cast<double>(sorted.size() - 1);
+    regular line = {(last.along - first.along) / static_cast<double>(sorted.size() - 1),
+                    {first.position[0], first.position[1], first.position[2]}};
+    const regular fitted = fit_line(sorted, normal);
+    const double fitted_along = dot(fitted.first, normal), pixel = std::min(first.spacing[0], first.spacing[1]);
+    const double slack = 1.0 + 1e-6, rounding = 0.1 * slack; /* [mm]; less where voxels are small */
     std::vector<double> gaps;
     for (size_t n = 1; n < sorted.size(); n++) gaps.push_back(sorted[n].along - sorted[n - 1].along);
     std::vector<double> ordered = gaps;
     std::sort(ordered.begin(), ordered.end());
-    double usual = ordered[(ordered.size() - 1) / 2];
+    double usual = ordered[(ordered.size() - 1) / 2], off = 0.0, beside = 0.0;
+    bool irregular = false;
 
-    for (size_t n = 0; n < sorted.size(); n++)
-        if (std::fabs(sorted[n].along - first.along - static_cast<double>(n) * step) > 0.02 * step) {
-            for (size_t g = 0; g < gaps.size(); g++) {
-                double missing = std::round(gaps[g] / usual) - 1.0;
-                if (missing >= 1.0 && std::fabs(gaps[g] - (missing + 1.0) * usual) < 0.1 * usual)
-                    fail(PLIANT_ERROR_FORMAT, "%s: %.0f slice(s) missing between %s and %s: %g mm apart, others are %g mm", folder.c_str(),
-                         missing, sorted[g].name.c_str(), sorted[g + 1].name.c_str(), gaps[g], usual);
-            }
-            fail(PLIANT_ERROR_FORMAT, "%s: the slices are not evenly spaced: %g to %g mm apart; resample them to one spacing first", folder.c_str(),
-                 ordered.front(), ordered.back());
-        }
-
-    double pixel = std::min(first.spacing[0], first.spacing[1]);
-    for (const dicom_slice &slice : sorted) {
-        double offset[3], sideways = 0.0;
-        for (size_t d = 0; d < 3; d++) offset[d] = slice.position[d] - first.position[d];
-        double along = dot(offset, normal);
-        for (size_t d = 0; d < 3; d++) sideways += std::pow(offset[d] - along * normal[d], 2);
-        sideways = std::sqrt(sideways);
-        if (sideways > 0.1 * pixel)
-            fail(PLIANT_ERROR_FORMAT, "%s: sheared stack: %s lies %.3g mm sideways of %s (gantry tilt of %.1f degrees?); resample it to a grid "
-                 "with right angles first", folder.c_str(), slice.name.c_str(), sideways, first.name.c_str(),
-                 std::atan2(sideways, std::fabs(along)) * 180.0 / PI);
+    for (size_t n = 0; n < sorted.size(); n++) {
+        irregular = irregular ||
+                    std::fabs(sorted[n].along - first.along - static_cast<double>(n) * line.step) > 0.02 * line.step;
+        off = std::max(off, std::fabs(sorted[n].along - fitted_along - static_cast<double>(n) * fitted.step));
     }
-    return step;
+    if (irregular) check_missing(folder, sorted, gaps, usual);
+    if (irregular && off > std::max(0.05 * fitted.step * slack, std::min(rounding, 0.25 * fitted.step)))
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: the slices are not evenly spaced: %g to %g mm apart, up to %.3g mm from even places; resample them "
+             "to one spacing first",
+             folder.c_str(), ordered.front(), ordered.back(), off);
+    for (const dicom_slice &slice : sorted) {
+        const double from_first = sideways(slice, first.position.data(), normal),
+                     from_line = sideways(slice, fitted.first, normal);
+        if (from_first <= 0.1 * pixel) continue;
+        if (from_line > std::min(rounding, 0.25 * pixel))
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: sheared stack: %s lies %.3g mm sideways of %s (gantry tilt of %.1f degrees?); resample it to a "
+                 "grid "
+                 "with right angles first",
+                 folder.c_str(), slice.name.c_str(), from_first, first.name.c_str(),
+                 std::atan2(from_first, std::fabs(slice.along - first.along)) * 180.0 / PI);
+        beside = std::max(beside, from_line);
+    }
+    if (!irregular && beside == 0.0) return line;
+    pliant_log(PLIANT_LOG_WARNING,
+               "%s: places of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
+               "taken as %.6g mm apart",
+               folder.c_str(), off, beside, fitted.step);
+    return fitted;
 }
 
-grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
+grid stack_grid(const std::string &folder, std::vector<dicom_slice> &slices)
 {
     check_alike(slices);
     if (slices.size() < 2)
@@ -118,18 +271,30 @@ grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
     check_duplicates(folder, slices);
 
     const dicom_slice &first = slices.front();
+    const regular line = check_steps(folder, slices, normal);
     grid grid;
     grid.size = {first.pixels.columns, first.pixels.rows, static_cast<int64_t>(slices.size())};
     grid.spacing[0] = first.spacing[1]; /* PixelSpacing: between rows first */
     grid.spacing[1] = first.spacing[0];
-    grid.spacing[2] = check_steps(folder, slices, normal);
+    grid.spacing[2] = line.step;
     for (size_t d = 0; d < 3; d++) {
-        grid.origin[d] = first.position[d];
+        grid.origin[d] = line.first[d];
         grid.direction[3 * d] = row[d];
         grid.direction[3 * d + 1] = column[d];
         grid.direction[3 * d + 2] = normal[d];
     }
     return grid;
+}
+
+grid grid_of(const std::string &folder, std::vector<dicom_slice> &slices)
+{
+    const std::string left_out = keep_stack(folder, &slices);
+    try {
+        return stack_grid(folder, slices);
+    } catch (failure &failure) {
+        if (!left_out.empty()) failure.text += "; left out of the series: " + left_out;
+        throw;
+    }
 }
 
 template <class From> void rescale(const void *from, const dicom_pixels &pixels, double *to)
@@ -147,6 +312,62 @@ void rescale_any(const void *from, const dicom_pixels &pixels, double *to)
     case component::uint32: return rescale<uint32_t>(from, pixels, to);
     case component::int32: return rescale<int32_t>(from, pixels, to);
     default: return;
+    }
+}
+
+/* The voxels that are padding by their values; empty if no image declares padding. */
+struct padding {
+    std::vector<bool> is_padded;
+    bool at_corner = false; /* of an image, as around a circular field of view */
+
+    void add(const std::vector<bool> &image, size_t begin, size_t columns, size_t voxels)
+    {
+        if (image.empty()) return;
+        is_padded.resize(voxels, false);
+        std::copy(image.begin(), image.end(), is_padded.begin() + static_cast<std::ptrdiff_t>(begin));
+        at_corner = at_corner || image.front() || image.back() || image[columns - 1] || image[image.size() - columns];
+    }
+};
+
+/* Give padding a value that is no tissue: the smallest of the image, in a CT at most `darkest`. Return false if the
+ * declared value is an ordinary one: it lies between other values, and no corner of an image has it. */
+template <class Number>
+bool fill_padding(const image_header &header, const padding &padding, double darkest, void *values)
+{
+    Number *v = static_cast<Number *>(values);
+    auto value = [&](Number stored) { return header.slope * static_cast<double>(stored) + header.intercept; };
+    double low = HUGE_VAL, high = -HUGE_VAL; /* of voxels other than padding */
+    bool ordinary = false;
+    for (size_t n = 0; n < padding.is_padded.size(); n++) {
+        if (padding.is_padded[n]) continue;
+        low = std::min(low, value(v[n]));
+        high = std::max(high, value(v[n]));
+    }
+    for (size_t n = 0; n < padding.is_padded.size(); n++)
+        ordinary = ordinary || (padding.is_padded[n] && value(v[n]) > low && value(v[n]) < high);
+    if (ordinary && !padding.at_corner) return false;
+    const double dark = std::min(low, darkest);
+    if (!std::isfinite(dark)) return true; /* all is padding */
+    const double exact = (dark - header.intercept) / header.slope,
+                 stored = std::is_integral<Number>::value ? std::round(exact) : exact;
+    const double least = static_cast<double>(std::numeric_limits<Number>::lowest());
+    const Number fill =
+        static_cast<Number>(std::min(std::max(stored, least), static_cast<double>(std::numeric_limits<Number>::max())));
+    for (size_t n = 0; n < padding.is_padded.size(); n++)
+        if (padding.is_padded[n] && (header.modality == PLIANT_MODALITY_CT || value(v[n]) > dark)) v[n] = fill;
+    return true;
+}
+
+bool fill_padding_any(const image_header &header, const padding &padding, double darkest, void *values)
+{
+    switch (header.type) {
+    case component::uint8: return fill_padding<uint8_t>(header, padding, darkest, values);
+    case component::int8: return fill_padding<int8_t>(header, padding, darkest, values);
+    case component::uint16: return fill_padding<uint16_t>(header, padding, darkest, values);
+    case component::int16: return fill_padding<int16_t>(header, padding, darkest, values);
+    case component::uint32: return fill_padding<uint32_t>(header, padding, darkest, values);
+    case component::int32: return fill_padding<int32_t>(header, padding, darkest, values);
+    default: return fill_padding<double>(header, padding, darkest, values);
     }
 }
 
@@ -189,6 +410,11 @@ public:
             if (one.type() != first.type() || one.slope != first.slope || one.intercept != first.intercept) alike_ = false;
             if (one.slope != std::floor(one.slope) || one.intercept != std::floor(one.intercept)) header.whole_numbers = false;
         }
+        if (header.modality == PLIANT_MODALITY_CT && !first.has_rescale)
+            pliant_log(PLIANT_LOG_WARNING,
+                       "%s: a CT without RescaleIntercept (0028,1052): its values may not be Hounsfield units (its "
+                       "scanner wrote -1024, as a rule)",
+                       slices_.front().path.c_str());
         if (alike_) return;
         header.type = component::float64;
         header.slope = 1.0;
@@ -199,19 +425,26 @@ public:
     {
         char *to = static_cast<char *>(voxels);
         std::vector<char> stored;
+        std::vector<bool> of_slice;
+        padding padding;
+        size_t done = 0;
         for (const dicom_slice &slice : slices_) {
             const dicom_pixels &pixels = slice.pixels;
             if (alike_) {
-                read_dicom_pixels(slice.path, pixels, to);
+                read_dicom_pixels(slice.path, pixels, to, &of_slice);
             } else {
                 stored.resize(pixels.count() * component_size(pixels.type()));
-                read_dicom_pixels(slice.path, pixels, stored.data());
+                read_dicom_pixels(slice.path, pixels, stored.data(), &of_slice);
                 rescale_any(stored.data(), pixels, reinterpret_cast<double *>(to));
             }
+            padding.add(of_slice, done, static_cast<size_t>(pixels.columns), slices_.size() * pixels.count());
             to += pixels.count() * component_size(header.type);
+            done += pixels.count();
         }
+        fill(padding, voxels);
         if (!slices_.front().inverted) return;
         turn_round_any(header.type, voxels, pliant_geometry_voxels(&header.geometry));
+        fill(padding, voxels);
         pliant_log(PLIANT_LOG_INFO, "%s: MONOCHROME1, intensities without a unit: inverted (smallest + largest - value), so that what is shown bright has large values",
                    slices_.front().path.c_str());
     }
@@ -219,6 +452,25 @@ public:
 private:
     std::vector<dicom_slice> slices_;
     bool alike_ = true;
+
+    bool is_hounsfield() const { return header.modality == PLIANT_MODALITY_CT && slices_.front().pixels.has_rescale; }
+
+    void fill(const padding &padding, void *voxels) const
+    {
+        const size_t count = static_cast<size_t>(std::count(padding.is_padded.begin(), padding.is_padded.end(), true));
+        if (count == 0) return;
+        const double air = -1024.0;
+        if (fill_padding_any(header, padding, is_hounsfield() ? air : HUGE_VAL, voxels))
+            pliant_log(PLIANT_LOG_INFO,
+                       "%s: PixelPaddingValue: %zu voxels outside the image are taken for air, or for the smallest "
+                       "value that is not padding",
+                       slices_.front().path.c_str(), count);
+        else
+            pliant_log(PLIANT_LOG_WARNING,
+                       "%s: PixelPaddingValue is a value of the image itself, since %zu voxels have it but no corner: "
+                       "they are left as they are",
+                       slices_.front().path.c_str(), count);
+    }
 };
 
 } // namespace
