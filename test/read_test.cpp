@@ -308,7 +308,8 @@ TEST(Labels, WholeNumbersUpTo65535)
     reals[5] = 2.5f;
     save(folder / "half.mha", metaimage("", "4 3 2", "MET_FLOAT", "1 1 1", bytes_of(reals)));
     EXPECT_EQ(pliant_labels_read((folder / "half.mha").c_str(), 0, &labels), PLIANT_ERROR_FORMAT);
-    EXPECT_NE(std::strstr(pliant_last_error(), "voxel (1, 1, 0) is not a whole number"), nullptr) << pliant_last_error();
+    EXPECT_NE(std::strstr(pliant_last_error(), "voxel (1, 1, 0) is 2.5, not a whole number"), nullptr)
+        << pliant_last_error();
     save(folder / "negative.mha", metaimage("", "4 3 2", "MET_SHORT", "1 1 1", bytes_of(counting(24, -1))));
     EXPECT_EQ(pliant_labels_read((folder / "negative.mha").c_str(), 0, &labels), PLIANT_ERROR_FORMAT);
     EXPECT_EQ(labels.voxels, nullptr);
@@ -447,6 +448,7 @@ TEST(Refused, SpacingThatIsNone)
     for (float spacing : {0.0f, -1.0f, NOT_A_NUMBER, std::numeric_limits<float>::infinity()}) {
         nifti_file file;
         file.pixdim[2] = spacing;
+        file.sform_code = 0;
         save(folder / "scan.nii", file.bytes());
         expect_refused(folder / "scan.nii", PLIANT_ERROR_FORMAT, {"scan.nii", "spacing", "pixdim[2]"});
     }

@@ -189,6 +189,9 @@ TEST(Reorder, OtherGridsAndMissingMemoryChangeNothing)
     pliant_labels labels;
     ASSERT_EQ(pliant_labels_create(&turned, &labels), PLIANT_OK);
     EXPECT_EQ(pliant_labels_reorder(&labels, &other), PLIANT_ERROR_ARGUMENT);
+    const std::string message = pliant_last_error();
+    for (const char *word : {"spacing differs by 0 %", "voxels from voxels of the scan", "nearest neighbour"})
+        EXPECT_NE(message.find(word), std::string::npos) << message;
     size_t in_use = pliant_memory_in_use();
     pliant_memory_fail_after(0);
     EXPECT_EQ(pliant_labels_reorder(&labels, &grid), PLIANT_ERROR_MEMORY);
@@ -221,4 +224,86 @@ TEST(Resample, RefusesEmptySizesAndSurvivesMissingMemory)
     pliant_memory_fail_after(-1);
     pliant_volume_free(&volume);
     pliant_labels_free(&labels);
+}
+
+/* Formats write origins and axes with few digits: labels made from a scan lie on it all the same. */
+TEST(Reorder, RoundedOriginsAndAxes)
+{
+    const pliant_geometry grid = {
+        {40, 30, 20}, {0.01, -0.02, 0.03}, {0.001, 0.001, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const struct {
+        double angle, shift, stretch;
+        bool same;
+    } cases[] = {{1.3e-4, 0, 0, true},     {2e-4, 0, 0, true},  {0, 3e-6, 0, true},  {0, 0, 2e-4, true},
+                 {2e-4, 3e-6, 1e-4, true}, {0, 2e-4, 0, false}, {1e-2, 0, 0, false}, {0, 0, 1e-2, false}};
+    for (const auto &one : cases) {
+        pliant_geometry off = grid;
+        off.direction[0] = off.direction[4] = std::cos(one.angle);
+        off.direction[1] = -std::sin(one.angle);
+        off.direction[3] = std::sin(one.angle);
+        for (int d = 0; d < 3; d++) {
+            off.origin[d] += one.shift;
+            off.spacing[d] *= 1 + one.stretch;
+        }
+        pliant_labels labels;
+        ASSERT_EQ(pliant_labels_create(&off, &labels), PLIANT_OK);
+        const size_t voxels = pliant_geometry_voxels(&grid);
+        for (size_t n = 0; n < voxels; n++) labels.voxels[n] = uint16_t(n);
+        const pliant_status status = pliant_labels_reorder(&labels, &grid);
+        EXPECT_EQ(status, one.same ? PLIANT_OK : PLIANT_ERROR_ARGUMENT)
+            << one.angle << " " << one.shift << " " << one.stretch;
+        if (one.same) {
+            EXPECT_TRUE(pliant_geometry_equal(&labels.geometry, &grid));
+            for (size_t n = 0; n < voxels; n++) ASSERT_EQ(labels.voxels[n], uint16_t(n));
+        } else {
+            const std::string message = pliant_last_error();
+            for (const char *word : {"do not lie on the scan's grid", "degrees", "resample the labels"})
+                EXPECT_NE(message.find(word), std::string::npos) << message;
+        }
+        pliant_labels_free(&labels);
+    }
+}
+
+/* Cropped labels, and labels that reach beyond the scan. */
+TEST(Reorder, CroppedLabels)
+{
+    const pliant_geometry grid = {{8, 7, 6}, {0, 0, 0}, {0.001, 0.002, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    for (int begin : {2, -1, 7, 8, -9}) {
+        pliant_geometry part = grid;
+        part.size[0] = 4;
+        part.origin[0] = begin * grid.spacing[0];
+        part.origin[1] = 6 * grid.spacing[1]; /* turned around along j, and a third of it */
+        part.direction[4] = -1;
+        part.size[2] = 2;
+        part.origin[2] = 3 * grid.spacing[2];
+        pliant_labels labels;
+        ASSERT_EQ(pliant_labels_create(&part, &labels), PLIANT_OK);
+        for (size_t n = 0; n < 56; n++) labels.voxels[n] = uint16_t(n + 1);
+        static std::string said;
+        said.clear();
+        pliant_set_log(
+            [](pliant_log_level level, const char *message, void *) {
+                if (level == PLIANT_LOG_WARNING) said += message;
+            },
+            nullptr);
+        const pliant_status status = pliant_labels_reorder(&labels, &grid);
+        pliant_set_log(nullptr, nullptr);
+        EXPECT_EQ(status, begin > 7 || begin < -3 ? PLIANT_ERROR_ARGUMENT : PLIANT_OK) << begin;
+        if (status == PLIANT_OK) {
+            EXPECT_NE(said.find("there is no label in the rest"), std::string::npos) << said;
+            EXPECT_NE(said.find(begin == 2  ? "; 0 voxels"
+                                : begin < 0 ? "; 14 voxels"
+                                            : "; 42 voxels"),
+                      std::string::npos)
+                << said;
+            for (int k = 0, n = 0; k < 6; k++)
+                for (int j = 0; j < 7; j++)
+                    for (int i = 0; i < 8; i++, n++) {
+                        const bool inside = k >= 3 && k < 5 && i >= begin && i < begin + 4;
+                        ASSERT_EQ(labels.voxels[n], inside ? 1 + (i - begin) + 4 * ((6 - j) + 7 * (k - 3)) : 0)
+                            << i << " " << j << " " << k;
+                    }
+        }
+        pliant_labels_free(&labels);
+    }
 }

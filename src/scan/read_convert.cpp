@@ -3,6 +3,7 @@
 
 #include <cfloat>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <type_traits>
 #include <utility>
@@ -62,6 +63,10 @@ range value_range(const std::string &path, const image_header &header, const voi
 
 bool is_whole(double value) { return std::floor(value) == value; }
 
+/* Labels that were scaled in single precision are whole numbers but for its rounding. */
+const double LABEL_ROUNDING = 1e-3;
+bool is_label(double value) { return std::fabs(value - std::round(value)) <= LABEL_ROUNDING; }
+
 bool values_are_whole(const image_header &header)
 {
     return header.whole_numbers && is_whole(header.slope) && is_whole(header.intercept);
@@ -93,7 +98,11 @@ template <class To> void *convert(const image_header &header, owned_voxels *raw,
         for (size_t i = 0; i < count; i++) {
             typename std::decay<decltype(*v)>::type from;
             std::memcpy(&from, v + i, sizeof from);
-            To to = unscaled ? static_cast<To>(from) : static_cast<To>(header.slope * static_cast<double>(from) + header.intercept);
+            double value =
+                unscaled ? static_cast<double>(from) : header.slope * static_cast<double>(from) + header.intercept;
+            To to = unscaled && component_is_integer(header.type)
+                        ? static_cast<To>(from)
+                        : static_cast<To>(std::is_integral<To>::value ? std::round(value) : value);
             std::memcpy(static_cast<To *>(out) + i, &to, sizeof to);
         }
     });
@@ -151,15 +160,26 @@ uint16_t *convert_labels(const std::string &path, const image_header &header, vo
     owned_voxels raw(voxels);
     size_t count = pliant_geometry_voxels(&header.geometry);
     range range = value_range(path, header, raw.voxels, count);
-    if (range.low < 0 || range.high > UINT16_MAX)
-        fail(PLIANT_ERROR_FORMAT, "%s: labels from %g to %g: they must be whole numbers from 0 to 65535", path.c_str(), range.low,
-             range.high);
+    if (range.low < -LABEL_ROUNDING || range.high > UINT16_MAX + LABEL_ROUNDING)
+        fail(PLIANT_ERROR_FORMAT, "%s: labels from %.9g to %.9g: they must be whole numbers from 0 to 65535",
+             path.c_str(), range.low, range.high);
     if (!values_are_whole(header))
         with_type(header.type, raw.voxels, [&](auto *v) {
-            for (size_t i = 0; i < count; i++)
-                if (!is_whole(header.slope * static_cast<double>(v[i]) + header.intercept))
-                    fail_at(path, header, i, "is not a whole number: a label map holds labels from 0 to 65535");
+            for (size_t i = 0; i < count; i++) {
+                const double value = header.slope * static_cast<double>(v[i]) + header.intercept;
+                char what[200];
+                if (is_label(value)) continue;
+                snprintf(what, sizeof what,
+                         "is %.9g, not a whole number: a label map holds labels from 0 to 65535; if it was resampled, "
+                         "do it again by "
+                         "nearest neighbour",
+                         value);
+                fail_at(path, header, i, what);
+            }
         });
+    if (range.high < 0.5)
+        pliant_log(PLIANT_LOG_WARNING, "%s: an empty label map: all its %zu voxels are 0, which is no label",
+                   path.c_str(), count);
     return static_cast<uint16_t *>(convert<uint16_t>(header, &raw, count));
 }
 

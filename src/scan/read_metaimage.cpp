@@ -134,7 +134,10 @@ void locate_data(const text_header &header, double data_bytes, metaimage_source 
     std::string name = header.text({"ElementDataFile"});
     bool local = lower_case(name) == "local";
     if (name.compare(0, 4, "LIST") == 0 || name.find('%') != std::string::npos || name.empty())
-        fail(PLIANT_ERROR_FORMAT, "%s: ElementDataFile = %.80s: one data file is needed (LOCAL or its name)", header.path.c_str(), name.c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: ElementDataFile = %.80s: a list of files is not supported: write header and voxels into one .mha "
+             "file (LOCAL), as SimpleITK does",
+             header.path.c_str(), name.c_str());
     source->data_path = local ? header.path : name[0] == '/' ? name : folder_of(header.path) + name;
     if (!local && is_folder(source->data_path)) fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", source->data_path.c_str());
 
@@ -161,7 +164,10 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path)
     std::unique_ptr<metaimage_source> source(new metaimage_source);
     if (!header.text({"ObjectType"}).empty() && lower_case(header.text({"ObjectType"})) != "image")
         fail(PLIANT_ERROR_FORMAT, "%s: ObjectType = %.40s: Image is needed", path.c_str(), header.text({"ObjectType"}).c_str());
-    if (!header.flag({"BinaryData"}, true)) fail(PLIANT_ERROR_FORMAT, "%s: BinaryData = False: text data are not supported", path.c_str());
+    if (!header.flag({"BinaryData"}, true))
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: BinaryData = False: numbers as text are not supported: write it as binary .mha or NIfTI",
+             path.c_str());
     source->header.type = component_of(header);
     source->header.whole_numbers = component_is_integer(source->header.type);
     source->header.geometry = checked_geometry(path, read_grid(header));

@@ -188,6 +188,23 @@ void affine_from_qform(const std::string &path, const fields &header, double uni
     }
 }
 
+/* The spacing of a good sform counts. pixdim may have a sign, which means nothing, or be no length; another length is a
+ * contradiction. */
+void check_pixdim(const std::string &path, const double pixdim[3], const grid &grid)
+{
+    for (int d = 0; d < 3; d++) {
+        const double length = std::fabs(pixdim[d]), spacing = grid.spacing[d];
+        if (length > 0.0 && std::isfinite(length) && std::fabs(spacing - length) > 0.01 * length)
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: the header contradicts itself: voxel spacing %g mm in pixdim[%d], %g mm in the sform: correct "
+                 "the one that is wrong",
+                 path.c_str(), pixdim[d], d + 1, spacing);
+        if (!(pixdim[d] > 0.0) || !std::isfinite(length))
+            pliant_log(PLIANT_LOG_WARNING, "%s: voxel spacing pixdim[%d] is %g mm; the %g mm of the sform are taken",
+                       path.c_str(), d + 1, pixdim[d], spacing);
+    }
+}
+
 /* The sform where it is one of right angles, else the qform, else pixdim alone (the standard's methods 3, 2, 1; where a header has
  * both it leaves the choice to who reads, and both describe the same voxels). */
 void read_grid(const std::string &path, const fields &header, grid *grid)
@@ -198,17 +215,11 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
         fail(PLIANT_ERROR_FORMAT, "%s: broken NIfTI header: dim[0] is %lld, it must be 1 to 7", path.c_str(), static_cast<long long>(dimensions));
     for (int64_t d = 1; d <= dimensions; d++) grid->size.push_back(header.dim(static_cast<size_t>(d)));
 
+    if (grid->size.size() < 3) return;
     const int metre = 1, micrometre = 3;
     double unit = header.length_unit() == metre ? 1e3 : header.length_unit() == micrometre ? 1e-3 : 1.0;
-    double pixdim[3];
-    for (size_t d = 0; d < 3; d++) {
-        pixdim[d] = unit * header.real(at.pixdim, d + 1);
-        if (d < grid->size.size() && (!(pixdim[d] > 0.0) || !std::isfinite(pixdim[d])))
-            fail(PLIANT_ERROR_FORMAT, "%s: voxel spacing pixdim[%zu] is %g mm, it must be above 0", path.c_str(), d + 1, pixdim[d]);
-    }
-    if (grid->size.size() < 3) return;
-
-    double affine[12];
+    double affine[12], pixdim[3];
+    for (size_t d = 0; d < 3; d++) pixdim[d] = unit * header.real(at.pixdim, d + 1);
     bool has_sform = header.code(at.sform_code) > 0, has_qform = header.code(at.qform_code) > 0;
     if (has_sform) {
         affine_from_sform(header, unit, affine);
@@ -221,13 +232,15 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
             pliant_log(PLIANT_LOG_WARNING, "%s: the sform (srow_x, srow_y, srow_z) is %s, which no grid with right angles can follow; the qform is taken "
                        "instead, so positions may differ from what other programs show", path.c_str(), singular ? "singular" : "sheared");
         if (!has_qform || !sheared) {
-            for (int d = 0; d < 3 && !sheared; d++) /* sheared: refused below, with the other grids */
-                if (std::fabs(grid->spacing[d] - pixdim[d]) > 0.01 * pixdim[d])
-                    fail(PLIANT_ERROR_FORMAT, "%s: the header contradicts itself: voxel spacing %g mm in pixdim[%d], %g mm in the sform",
-                         path.c_str(), pixdim[d], d + 1, grid->spacing[d]);
+            if (!sheared) check_pixdim(path, pixdim, *grid); /* sheared: refused below, with the other grids */
             return;
         }
     }
+    for (int d = 0; d < 3; d++)
+        if (!(pixdim[d] > 0.0) || !std::isfinite(pixdim[d]))
+            fail(PLIANT_ERROR_FORMAT,
+                 "%s: voxel spacing pixdim[%d] is %g mm, it must be above 0 where there is no sform", path.c_str(),
+                 d + 1, pixdim[d]);
     if (has_qform) {
         affine_from_qform(path, header, unit, affine);
         from_affine(affine, grid);

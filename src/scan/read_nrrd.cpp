@@ -164,18 +164,51 @@ void space_signs(const text_header &header, double sign[3])
     fail(PLIANT_ERROR_FORMAT, "%s: %.0f values per voxel (%.40s); one is needed", header.path.c_str(), count, kind.c_str());
 }
 
+/* Fields that place the axes in a header without an orientation; empty if they are missing. */
+struct scalar_axes {
+    std::vector<double> spacings, mins, maxs;
+    std::vector<std::string> centers;
+};
+
+scalar_axes read_scalar_axes(const text_header &header, size_t n)
+{
+    scalar_axes axes;
+    if (header.has("spacings")) axes.spacings = header.numbers("spacings", n);
+    if (header.has("axismins")) axes.mins = header.numbers("axismins", n);
+    if (header.has("axismaxs")) axes.maxs = header.numbers("axismaxs", n);
+    axes.centers = vector_words(lower_case(header.text(header.has("centers") ? "centers" : "centerings")));
+    return axes;
+}
+
+/* Set spacing, direction and the centre of the first voxel along axis d. The minimum is the edge of the first voxel, or
+ * its centre if voxels are centred at nodes; cells are the default. An axis of negative spacing runs the other way. */
+void place_axis(const scalar_axes &axes, size_t axis, double size, double unit, size_t d, grid *grid)
+{
+    const bool node = axis < axes.centers.size() && axes.centers[axis] == "node";
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const double min = axes.mins.empty() ? nan : axes.mins[axis], max = axes.maxs.empty() ? nan : axes.maxs[axis];
+    double spacing = axes.spacings.empty() ? nan : axes.spacings[axis];
+    if (std::isnan(spacing) && std::isfinite(max - min)) spacing = (max - min) / (node ? size - 1.0 : size);
+    if (axes.spacings.empty() && std::isnan(spacing)) spacing = 1.0;
+    grid->spacing[d] = unit * std::fabs(spacing);
+    if (spacing < 0.0) grid->direction[4 * d] = -1.0;
+    if (std::isfinite(min)) grid->origin[d] = unit * (node ? min : min + 0.5 * spacing);
+}
+
 /* Axes that lie in space, without those of size 1 that do not. */
 grid read_grid(const text_header &header)
 {
     double dimensions = header.whole("dimension", 0);
     if (!(dimensions >= 1 && dimensions <= 16)) fail(PLIANT_ERROR_FORMAT, "%s: dimension: %.20s: 3 is needed", header.path.c_str(), header.text("dimension").c_str());
     size_t n = static_cast<size_t>(dimensions);
-    std::vector<double> sizes = header.numbers("sizes", n), spacings;
+    std::vector<double> sizes = header.numbers("sizes", n);
     std::vector<std::string> directions = vector_words(header.text("spacedirections")), kinds = vector_words(lower_case(header.text("kinds")));
     if (header.has("spacedirections") && directions.size() != n)
         fail(PLIANT_ERROR_FORMAT, "%s: space directions: %.100s: %zu are needed", header.path.c_str(), header.text("spacedirections").c_str(), n);
-    if (header.has("spacings")) spacings = header.numbers("spacings", n);
-    else if (directions.empty()) pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken", header.path.c_str());
+    const scalar_axes scalars = read_scalar_axes(header, n);
+    if (directions.empty() && scalars.spacings.empty() && (scalars.mins.empty() || scalars.maxs.empty()))
+        pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken",
+                   header.path.c_str());
 
     grid grid;
     double unit = unit_in_millimetres(header), sign[3] = {1.0, 1.0, 1.0};
@@ -192,7 +225,7 @@ grid read_grid(const text_header &header)
         grid.size.push_back(static_cast<int64_t>(sizes[axis]));
         if (d >= 3) continue;
         if (directions.empty()) {
-            if (!spacings.empty()) grid.spacing[d] = unit * spacings[axis];
+            place_axis(scalars, axis, sizes[axis], unit, d, &grid);
             continue;
         }
         double length = std::sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
@@ -246,9 +279,14 @@ void locate_data(const text_header &header, double data_bytes, nrrd_source *sour
     std::string name = header.text("datafile"), encoding = lower_case(header.text("encoding"));
     source->compressed = encoding == "gzip" || encoding == "gz";
     if (encoding != "raw" && !source->compressed)
-        fail(PLIANT_ERROR_FORMAT, "%s: encoding: %.40s is not supported; raw and gzip are", path, encoding.c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: encoding: %.40s is not supported; raw and gzip are: write it anew, for example with unu save -e gzip",
+             path, encoding.c_str());
     if (name.compare(0, 4, "LIST") == 0 || name.find('%') != std::string::npos)
-        fail(PLIANT_ERROR_FORMAT, "%s: data file: %.80s: one data file is needed", path, name.c_str());
+        fail(PLIANT_ERROR_FORMAT,
+             "%s: data file: %.80s: a list of files is not supported: write header and voxels into one .nrrd file "
+             "(SimpleITK and unu save do)",
+             path, name.c_str());
     bool alone = !name.empty();
     source->data_path = !alone ? header.path : name[0] == '/' ? name : folder_of(header.path) + name;
     if (is_folder(source->data_path)) fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", source->data_path.c_str());

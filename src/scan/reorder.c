@@ -5,6 +5,7 @@
 #include "pliant/memory.h"
 
 #include <math.h>
+#include <stdio.h>
 
 /* The axis of `from` that runs along axis `d` of `to`, and whether it runs the other way; -1: none does. */
 static int axis_along(const pliant_geometry *from, const pliant_geometry *to, int d, bool *flipped)
@@ -43,28 +44,93 @@ static bool turn(const pliant_geometry *from, const pliant_geometry *to, pliant_
     return true;
 }
 
+/* Maximum distance of a corner of labels from a voxel of the scan [voxels]. Origins and axes are written with a few
+ * digits. */
+static const double rounding = 0.1;
+
+/* Set `first` to the index in `to` of voxel (0, 0, 0) of `from`. Return the maximum distance of its corners from voxels
+ * of `to` [voxels]. */
+static double misplacement(const pliant_geometry *from, const pliant_geometry *to, double first[3])
+{
+    const double zero[3] = {0, 0, 0};
+    double point[3], largest = 0.0;
+    pliant_geometry_to_world(from, zero, point);
+    pliant_geometry_to_index(to, point, first);
+    for (int corner = 0; corner < 8; corner++) {
+        double at[3], index[3];
+        for (int d = 0; d < 3; d++) at[d] = corner >> d & 1 ? from->size[d] - 1 : 0;
+        pliant_geometry_to_world(from, at, point);
+        pliant_geometry_to_index(to, point, index);
+        for (int d = 0; d < 3; d++) largest = fmax(largest, fabs(index[d] - at[d] - round(first[d])));
+    }
+    return largest;
+}
+
+/* Fail with the differences between two grids and the remedy. */
+static pliant_status refuse(const pliant_geometry *labels, const pliant_geometry *turned, const pliant_geometry *grid)
+{
+    double spacing = 0.0, angle = 0.0, cosine, first[3] = {0, 0, 0}, off = 0.0;
+    for (int d = 0; d < 3 && turned; d++) {
+        spacing = fmax(spacing, fabs(turned->spacing[d] / grid->spacing[d] - 1.0));
+        cosine = 0.0;
+        for (int row = 0; row < 3; row++) cosine += turned->direction[3 * row + d] * grid->direction[3 * row + d];
+        angle = fmax(angle, acos(fmin(fabs(cosine), 1.0)));
+    }
+    if (turned) off = misplacement(turned, grid, first);
+    char where[240] = "their axes run along none of the scan's";
+    if (turned)
+        snprintf(where, sizeof where,
+                 "spacing differs by %.3g %%, axes by %.3g degrees, voxel (0, 0, 0) lies at (%.6g, %.6g, %.6g) of the "
+                 "scan's, corners up to "
+                 "%.3g voxels from voxels of the scan (at most %g are rounding)",
+                 100.0 * spacing, angle * 57.29577951308232, first[0], first[1], first[2], off, rounding);
+    return pliant_fail(PLIANT_ERROR_ARGUMENT,
+                       "labels: %d x %d x %d voxels of %.9g x %.9g x %.9g mm do not lie on the scan's grid of %d x %d "
+                       "x %d voxels of %.9g x %.9g x %.9g mm, "
+                       "whichever way their axes are turned: %s; resample the labels to the scan's grid by nearest "
+                       "neighbour (3D Slicer and SimpleITK do)",
+                       labels->size[0], labels->size[1], labels->size[2], 1e3 * labels->spacing[0],
+                       1e3 * labels->spacing[1], 1e3 * labels->spacing[2], grid->size[0], grid->size[1], grid->size[2],
+                       1e3 * grid->spacing[0], 1e3 * grid->spacing[1], 1e3 * grid->spacing[2], where);
+}
+
 pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid)
 {
     pliant_labels out = {0};
     pliant_geometry turned;
-    size_t first;
+    size_t first, outside = 0;
     ptrdiff_t step[3];
+    double corner[3];
+    int32_t begin[3], end[3], at[3]; /* of the labels along the axes of the grid, where they meet it */
+    bool meets = true;
     if (pliant_geometry_equal(&labels->geometry, grid)) return PLIANT_OK;
-    if (!turn(&labels->geometry, grid, &turned, &first, step) || !pliant_geometry_equal(&turned, grid))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT,
-                           "labels: %d x %d x %d voxels of %g x %g x %g mm do not lie on a grid of %d x %d x %d voxels of %g x %g x %g mm, "
-                           "whichever way its axes are turned: size, origin, spacing and axes must agree",
-                           labels->geometry.size[0], labels->geometry.size[1], labels->geometry.size[2], 1e3 * labels->geometry.spacing[0],
-                           1e3 * labels->geometry.spacing[1], 1e3 * labels->geometry.spacing[2], grid->size[0], grid->size[1],
-                           grid->size[2], 1e3 * grid->spacing[0], 1e3 * grid->spacing[1], 1e3 * grid->spacing[2]);
+    if (!turn(&labels->geometry, grid, &turned, &first, step)) return refuse(&labels->geometry, NULL, grid);
+    if (!(misplacement(&turned, grid, corner) <= rounding)) return refuse(&labels->geometry, &turned, grid);
+    for (int d = 0; d < 3; d++) {
+        at[d] = (int32_t)fmax(fmin(round(corner[d]), 1e9), -1e9);
+        begin[d] = at[d] > 0 ? at[d] : 0;
+        end[d] = (int32_t)fmin((double)at[d] + turned.size[d], grid->size[d]);
+        meets = meets && begin[d] < end[d];
+    }
+    if (!meets) return refuse(&labels->geometry, &turned, grid);
     pliant_status status = pliant_labels_create(grid, &out);
     if (status != PLIANT_OK) return status;
-    size_t n = 0;
-    for (int32_t k = 0; k < grid->size[2]; k++)
-        for (int32_t j = 0; j < grid->size[1]; j++) {
-            const uint16_t *row = labels->voxels + (ptrdiff_t)first + j * step[1] + k * step[2];
-            for (int32_t i = 0; i < grid->size[0]; i++) out.voxels[n++] = row[i * step[0]];
+    for (int32_t k = begin[2]; k < end[2]; k++)
+        for (int32_t j = begin[1]; j < end[1]; j++) {
+            const uint16_t *row = labels->voxels + (ptrdiff_t)first + (j - at[1]) * step[1] + (k - at[2]) * step[2];
+            uint16_t *to = out.voxels + grid->size[0] * (j + (size_t)grid->size[1] * (size_t)k);
+            for (int32_t i = begin[0]; i < end[0]; i++) to[i] = row[(i - at[0]) * step[0]];
         }
+    for (size_t v = 0; v < pliant_geometry_voxels(&labels->geometry); v++) outside += labels->voxels[v] != 0;
+    for (size_t v = 0; v < pliant_geometry_voxels(grid); v++) outside -= out.voxels[v] != 0;
+    for (int d = 0, told = 0; d < 3 && !told; d++)
+        if ((told = turned.size[d] != grid->size[d] || at[d] != 0))
+            pliant_log(PLIANT_LOG_WARNING,
+                       "labels: %d x %d x %d voxels begin at voxel (%d, %d, %d) of the scan, which has %d x %d x %d; "
+                       "there is no label in the rest of it; "
+                       "%zu voxels with a label lie outside it",
+                       turned.size[0], turned.size[1], turned.size[2], at[0], at[1], at[2], grid->size[0],
+                       grid->size[1], grid->size[2], outside);
     pliant_labels_free(labels);
     *labels = out;
     return PLIANT_OK;

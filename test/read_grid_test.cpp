@@ -1,0 +1,208 @@
+/* Grids of NIfTI, NRRD and MetaImage that headers describe in unusual ways, and numbers of label maps. */
+#include "scan_files.h"
+
+#include <cmath>
+#include <limits>
+
+namespace
+{
+
+std::string nrrd(const std::string &more, const std::string &data = std::string(48, '\1'))
+{ return "NRRD0004\ntype: short\ndimension: 3\nsizes: 4 3 2\nendian: little\nencoding: raw\n" + more + "\n" + data; }
+
+std::string metaimage(const std::string &more, const std::string &type, const std::string &data,
+                      const std::string &where = "LOCAL")
+{
+    return "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n" + more +
+           "DimSize = 4 3 2\nElementType = " + type + "\nElementDataFile = " + where + "\n" + data;
+}
+
+std::string labels_of(const std::string &path, std::vector<uint16_t> *out)
+{
+    pliant_labels labels = {};
+    if (pliant_labels_read(path.c_str(), 0, &labels) != PLIANT_OK) return pliant_last_error();
+    out->assign(labels.voxels, labels.voxels + pliant_geometry_voxels(&labels.geometry));
+    pliant_labels_free(&labels);
+    return "";
+}
+
+} // namespace
+
+/* Beside a good sform the sign of pixdim means nothing, nor does a pixdim that is no length. */
+TEST(NiftiGrid, TakesTheSpacingOfAGoodSform)
+{
+    temporary_folder folder;
+    const float infinite = std::numeric_limits<float>::infinity();
+    for (float pixdim : {2.5f, -2.5f, 0.0f, std::nanf(""), infinite}) {
+        nifti_file file;
+        file.pixdim = {1, 2, pixdim, 3, 1, 1, 1, 1};
+        file.srow = {-2, 0, 0, 23, 0, -2.5f, 0, 24, 0, 0, 3, -12};
+        save(folder / "scan.nii", file.bytes());
+        volume_holder scan;
+        log_catcher log;
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
+        const double spacing[3] = {0.002, 0.0025, 0.003}, origin[3] = {-0.023, -0.024, -0.012};
+        for (int d = 0; d < 3; d++) {
+            EXPECT_NEAR(scan->geometry.spacing[d], spacing[d], 1e-12);
+            EXPECT_NEAR(scan->geometry.origin[d], origin[d], 1e-12);
+            EXPECT_EQ(scan->geometry.direction[4 * d], 1);
+        }
+        if (pixdim == 2.5f)
+            expect_words(log.warnings(), {});
+        else
+            expect_words(log.warnings(), {"scan.nii", "pixdim[2]", "2.5 mm of the sform"});
+
+        file.sform_code = 0;
+        for (int16_t qform_code : {0, 1}) {
+            file.qform_code = qform_code;
+            save(folder / "other.nii", file.bytes());
+            if (pixdim == 2.5f) continue;
+            expect_refused(folder / "other.nii", PLIANT_ERROR_FORMAT, {"other.nii", "pixdim[2]", "above 0"});
+        }
+    }
+    nifti_file file;
+    file.pixdim = {1, 2, -4, 3, 1, 1, 1, 1};
+    file.srow = {2, 0, 0, 0, 0, 2.5f, 0, 0, 0, 0, 3, 0};
+    save(folder / "scan.nii", file.bytes());
+    expect_refused(folder / "scan.nii", PLIANT_ERROR_FORMAT,
+                   {"contradicts itself", "-4 mm in pixdim[2]", "2.5 mm in the sform"});
+}
+
+TEST(NrrdGrid, AxisMinsPlaceTheFirstVoxel)
+{
+    const struct {
+        const char *more;
+        double origin[3], spacing[3], flip[3];
+    } cases[] = {{"spacings: 2 2.5 3\naxis mins: -40 -44 -36\ncenters: cell cell cell\n",
+                  {-39, -42.75, -34.5},
+                  {2, 2.5, 3},
+                  {1, 1, 1}},
+                 {"spacings: 2 2.5 3\naxis mins: -40 -44 -36\n", {-39, -42.75, -34.5}, {2, 2.5, 3}, {1, 1, 1}},
+                 {"spacings: 2 2.5 3\naxis mins: -40 -44 -36\ncenters: node node node\n",
+                  {-40, -44, -36},
+                  {2, 2.5, 3},
+                  {1, 1, 1}},
+                 {"spacings: 2 2.5 3\naxis mins: -40 -44 -36\ncenterings: node cell ???\n",
+                  {-40, -42.75, -34.5},
+                  {2, 2.5, 3},
+                  {1, 1, 1}},
+                 {"spacings: -2 2.5 3\naxis mins: -40 -44 -36\n", {-41, -42.75, -34.5}, {2, 2.5, 3}, {-1, 1, 1}},
+                 {"spacings: -2 2.5 -3\naxis mins: -40 -44 -36\ncenters: node node node\n",
+                  {-40, -44, -36},
+                  {2, 2.5, 3},
+                  {-1, 1, -1}},
+                 {"axis mins: -40 -44 -36\naxis maxs: -32 -38 -34\n", {-39, -43, -35.5}, {2, 2, 1}, {1, 1, 1}},
+                 {"axis mins: -40 -44 -36\naxis maxs: -34 -40 -35\ncenters: node node node\n",
+                  {-40, -44, -36},
+                  {2, 2, 1},
+                  {1, 1, 1}},
+                 {"axis mins: -32 -44 -36\naxis maxs: -40 -38 -34\n", {-33, -43, -35.5}, {2, 2, 1}, {-1, 1, 1}},
+                 {"spacings: 2 2.5 3\naxis mins: -40 nan -36\n", {-39, 0, -34.5}, {2, 2.5, 3}, {1, 1, 1}},
+                 {"spacings: 2 2.5 3\n", {0, 0, 0}, {2, 2.5, 3}, {1, 1, 1}}};
+    temporary_folder folder;
+    for (const auto &one : cases) {
+        SCOPED_TRACE(one.more);
+        save(folder / "scan.nrrd", nrrd(one.more));
+        volume_holder scan;
+        log_catcher log;
+        ASSERT_EQ(pliant_volume_read((folder / "scan.nrrd").c_str(), nullptr, 0, &scan), PLIANT_OK)
+            << pliant_last_error();
+        for (int d = 0; d < 3; d++) {
+            EXPECT_NEAR(scan->geometry.origin[d], 1e-3 * one.origin[d], 1e-12);
+            EXPECT_NEAR(scan->geometry.spacing[d], 1e-3 * one.spacing[d], 1e-12);
+            EXPECT_EQ(scan->geometry.direction[4 * d], one.flip[d]);
+        }
+        expect_words(log.warnings(), {});
+    }
+    save(folder / "scan.nrrd", nrrd("spacings: 2 0 3\naxis mins: 0 0 0\n"));
+    expect_refused(folder / "scan.nrrd", PLIANT_ERROR_FORMAT, {"spacing"});
+    save(folder / "scan.nrrd", nrrd("spacings: 2 1 3\naxis mins: 0 0\n"));
+    expect_refused(folder / "scan.nrrd", PLIANT_ERROR_FORMAT, {"axismins", "3 numbers"});
+}
+
+/* The unit holds for all lengths: spacing and offset. */
+TEST(MetaImageGrid, DistanceUnitsHoldForTheOffsetToo)
+{
+    temporary_folder folder;
+    const struct {
+        const char *unit;
+        double millimetres;
+    } units[] = {{"um", 1e-3}, {"mm", 1}, {"cm", 10}, {"m", 1e3}, {"", 1}};
+    for (const auto &one : units)
+        for (const char *name : {"Offset", "Position", "Origin"}) {
+            const std::string unit = *one.unit ? std::string("DistanceUnits = ") + one.unit + "\n" : "";
+            save(folder / "scan.mha",
+                 metaimage(unit + name + " = 10 -20 40\nElementSpacing = 1 2 3\n", "MET_SHORT", std::string(48, '\1')));
+            volume_holder scan;
+            ASSERT_EQ(pliant_volume_read((folder / "scan.mha").c_str(), nullptr, 0, &scan), PLIANT_OK)
+                << pliant_last_error();
+            const double origin[3] = {10, -20, 40}, spacing[3] = {1, 2, 3};
+            for (int d = 0; d < 3; d++) {
+                EXPECT_DOUBLE_EQ(scan->geometry.origin[d], 1e-3 * one.millimetres * origin[d]) << one.unit << name;
+                EXPECT_DOUBLE_EQ(scan->geometry.spacing[d], 1e-3 * one.millimetres * spacing[d]) << one.unit;
+            }
+        }
+}
+
+TEST(FilesOfManyParts, AreRefusedWithARemedy)
+{
+    temporary_folder folder;
+    const std::string spacing = "ElementSpacing = 1 2 3\n", data(48, '\1');
+    for (const char *list : {"LIST", "LIST 2", "slice%03d.raw 1 2 1"}) {
+        save(folder / "list.mhd", metaimage(spacing, "MET_SHORT", "a.raw\nb.raw\n", list));
+        expect_refused(folder / "list.mhd", PLIANT_ERROR_FORMAT, {"list.mhd", list, "list of files", "one .mha file"});
+        save(folder / "list.nhdr", nrrd(std::string("spacings: 1 2 3\ndata file: ") + list + "\na.raw\nb.raw\n", ""));
+        expect_refused(folder / "list.nhdr", PLIANT_ERROR_FORMAT,
+                       {"list.nhdr", list, "list of files", "one .nrrd file"});
+    }
+    std::string text = nrrd("spacings: 1 2 3\n");
+    save(folder / "text.nrrd", text.replace(text.find("raw"), 3, "ascii"));
+    expect_refused(folder / "text.nrrd", PLIANT_ERROR_FORMAT, {"encoding: ascii", "raw and gzip are", "unu save"});
+}
+
+/* Labels that were stored with a slope are whole numbers but for rounding. */
+TEST(LabelNumbers, WithinAThousandthOfAWholeNumber)
+{
+    temporary_folder folder;
+    std::vector<float> reals = {0, 1, 2, 3, 1.0000113f, 0.99998f, 2.0009f, -0.0001f, 65535.0f, 3, 3, 3,
+                                3, 3, 3, 3, 3,          3,        3,       3,        3,        3, 3, 3};
+    std::vector<uint16_t> labels, wanted = {0, 1, 2, 3, 1, 1, 2, 0, 65535, 3};
+    save(folder / "labels.mha", metaimage("ElementSpacing = 1 1 1\n", "MET_FLOAT", bytes_of(reals)));
+    ASSERT_EQ(labels_of(folder / "labels.mha", &labels), "");
+    for (size_t n = 0; n < wanted.size(); n++) EXPECT_EQ(labels[n], wanted[n]) << n;
+
+    nifti_file file; /* as nibabel scales labels 0 to 3 into 16 bits */
+    file.slope = 4.5777764e-05f;
+    file.intercept = 1.5f;
+    std::vector<int16_t> stored(24, -32767);
+    for (size_t n = 0; n < 4; n++) stored[n] = int16_t(std::lround((double(n) - 1.5) / file.slope));
+    file.data = bytes_of(stored);
+    save(folder / "labels.nii", file.bytes());
+    ASSERT_EQ(labels_of(folder / "labels.nii", &labels), "");
+    for (size_t n = 0; n < 4; n++) EXPECT_EQ(labels[n], n);
+
+    for (float wrong : {2.5f, 1.002f, 0.25f}) {
+        reals[6] = wrong;
+        save(folder / "labels.mha", metaimage("ElementSpacing = 1 1 1\n", "MET_FLOAT", bytes_of(reals)));
+        char value[40];
+        std::snprintf(value, sizeof value, "voxel (2, 1, 0) is %.9g, not a whole number", double(wrong));
+        expect_words(labels_of(folder / "labels.mha", &labels), {"labels.mha", value, "nearest neighbour"});
+    }
+}
+
+TEST(LabelNumbers, AnEmptyMapIsWarnedOf)
+{
+    temporary_folder folder;
+    std::vector<uint16_t> values(24, 0), labels;
+    for (uint16_t one : {0, 1}) {
+        values[7] = one;
+        save(folder / "labels.mha", metaimage("ElementSpacing = 1 1 1\n", "MET_USHORT", bytes_of(values)));
+        log_catcher log;
+        EXPECT_EQ(labels_of(folder / "labels.mha", &labels), "");
+        if (one)
+            expect_words(log.warnings(), {});
+        else
+            expect_words(log.warnings(), {"labels.mha", "empty label map", "24 voxels"});
+    }
+}
