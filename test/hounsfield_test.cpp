@@ -43,7 +43,30 @@ TEST(Hounsfield, WhatTheHeaderSaysDecides)
     EXPECT_NE(refusal(10, 700, PLIANT_MODALITY_MR).find("head.nii: its header says MR"), std::string::npos) << pliant_last_error();
     EXPECT_NE(refusal(-1000, 40, PLIANT_MODALITY_MR).find("its header says MR"), std::string::npos);
     EXPECT_NE(refusal(0, 5, PLIANT_MODALITY_OTHER).find("another modality than CT"), std::string::npos);
-    EXPECT_EQ(status_of(20, 60, PLIANT_MODALITY_CT), PLIANT_OK);
+    EXPECT_EQ(status_of(-1000, 40, PLIANT_MODALITY_CT), PLIANT_OK);
+}
+
+/* A CT whose header has lost its intercept has no voxel below -20. */
+TEST(Hounsfield, TheValuesOfACtAreLookedAtToo)
+{
+    std::string message = refusal(24, 1064, PLIANT_MODALITY_CT);
+    for (const char *word : {"head.nii", "says CT", "below -20", "RescaleIntercept", "-1024", "abdomen_ct.yaml"})
+        EXPECT_NE(message.find(word), std::string::npos) << message;
+}
+
+/* Padding that a converter has taken for a value would be bone. */
+TEST(Hounsfield, PaddingIsNoBone)
+{
+    for (pliant_modality modality : {PLIANT_MODALITY_CT, PLIANT_MODALITY_UNKNOWN}) {
+        pliant_volume volume = ball(-1000, 40, modality);
+        for (int n = 0; n < 7; n++)
+            static_cast<int16_t *>(volume.voxels)[1000 * n] = 32767; /* an implant may be as bright as that */
+        EXPECT_EQ(pliant_material_default_check(&volume), PLIANT_OK);
+        for (int n = 0; n < 8; n++) static_cast<int16_t *>(volume.voxels)[1000 * n] = 31743;
+        EXPECT_EQ(pliant_material_default_check(&volume), PLIANT_ERROR_MATERIAL);
+        EXPECT_NE(std::strstr(pliant_last_error(), "PixelPaddingValue"), nullptr) << pliant_last_error();
+        pliant_volume_free(&volume);
+    }
 }
 
 TEST(Hounsfield, WithoutAWordOfTheHeaderTheValuesDecide)

@@ -40,9 +40,9 @@ PLIANT_API pliant_status pliant_material_table_read(const char *path, pliant_mat
 PLIANT_API pliant_status pliant_material_table_parse(const char *yaml, const char *name_for_messages, pliant_material_table *out);
 /** The built-in table: launch/materials/abdomen_ct.yaml, compiled in. */
 PLIANT_API pliant_status pliant_material_table_default(pliant_material_table *out);
-/** Whether the built-in table can be meant for a scan, that is, whether its values are Hounsfield units: the header says CT, or it says
- *  nothing and at least one voxel in a thousand is below -20 HU, as air, lung and fat are. Otherwise refused (MATERIAL), with a table to
- *  begin with in the message. pliant_inputs_read asks; who names a table, this one too, is not asked. */
+/** Check that the built-in table can be meant for a scan, that is, that its values are Hounsfield units. The header says CT or nothing.
+ *  At least one voxel in a thousand is below -20 HU, as air, lung and fat are. Fewer than one in a thousand is above 31000 HU, as padding
+ *  is. Otherwise refused (MATERIAL) with a table to begin with. pliant_inputs_read checks scans whose scene names no table. */
 PLIANT_API pliant_status pliant_material_default_check(const pliant_volume *scan);
 PLIANT_API pliant_status pliant_material_table_copy(const pliant_material_table *table, pliant_material_table *out);
 /** Ranges of numbers, overlapping intensity ranges, labels named twice. */

@@ -24,6 +24,8 @@ static double air_threshold(const double value[PERCENTILES])
 
 /* Fat, lung and the air around a body lie below this [HU], in the built-in table as in every CT. */
 static const double darkest_soft_tissue = -20;
+/* Neither tissue nor metal lies above this [HU]: 32767 and 64511 are what unsigned or converted padding looks like. */
+static const double brightest_metal = 31000;
 static const double least_part = 1e-3;
 
 static pliant_status ask_for_table(const pliant_volume *scan, const char *reason)
@@ -47,15 +49,26 @@ static pliant_status ask_for_table(const pliant_volume *scan, const char *reason
 
 pliant_status pliant_material_default_check(const pliant_volume *scan)
 {
-    switch (scan->modality) {
-    case PLIANT_MODALITY_CT: return PLIANT_OK;
-    case PLIANT_MODALITY_MR: return ask_for_table(scan, "its header says MR");
-    case PLIANT_MODALITY_OTHER: return ask_for_table(scan, "its header names another modality than CT");
-    case PLIANT_MODALITY_UNKNOWN: break;
+    const bool says_ct = scan->modality == PLIANT_MODALITY_CT;
+    if (scan->modality == PLIANT_MODALITY_MR) return ask_for_table(scan, "its header says MR");
+    if (scan->modality == PLIANT_MODALITY_OTHER)
+        return ask_for_table(scan, "its header names another modality than CT");
+    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry), dark = 0, bright = 0;
+#pragma omp parallel for schedule(static) reduction(+ : dark, bright)
+    for (ptrdiff_t v = 0; v < voxels; v++) {
+        dark += pliant_volume_value(scan, (size_t)v) < darkest_soft_tissue;
+        bright += pliant_volume_value(scan, (size_t)v) > brightest_metal;
     }
-    ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry), dark = 0;
-#pragma omp parallel for schedule(static) reduction(+ : dark)
-    for (ptrdiff_t v = 0; v < voxels; v++) dark += pliant_volume_value(scan, (size_t)v) < darkest_soft_tissue;
+    if ((double)bright >= least_part * (double)voxels)
+        return ask_for_table(scan, "one voxel in a thousand or more is above 31000, which is padding outside the image "
+                                   "and would become bone: give "
+                                   "these voxels the value of air (-1024), or name them by PixelPaddingValue");
     if ((double)dark >= least_part * (double)voxels) return PLIANT_OK;
-    return ask_for_table(scan, "its header does not say CT, and fewer than one voxel in a thousand is below -20, as air and fat are");
+    return ask_for_table(
+        scan,
+        says_ct
+            ? "its header says CT, but fewer than one voxel in a thousand is below -20, as air and fat are: "
+              "RescaleIntercept or "
+              "RescaleSlope may be missing (add them as the scanner wrote them, -1024 and 1 as a rule)"
+            : "its header does not say CT, and fewer than one voxel in a thousand is below -20, as air and fat are");
 }
