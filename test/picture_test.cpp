@@ -1,6 +1,6 @@
 // Pictures: what lies where in the patient comes out at its place and in its shade; differences in the right colour.
-#include "picture.h"
-#include "picture_scalar.h"
+#include "tools/picture.h"
+#include "tools/picture_scalar.h"
 
 #include <cmath>
 #include <cstdlib>

@@ -1,5 +1,5 @@
 // The README's table of scene options is the one that the program prints.
-#include "options_table.h"
+#include "tools/options_table.h"
 
 #include <cstdio>
 #include <cstdlib>

@@ -1,7 +1,7 @@
 # Is ROS here, and rviz? Messages, services, the catkin package, and where things are installed.
 #
 # out: PLIANT_WITH_ROS, PLIANT_WITH_RVIZ (booleans), PLIANT_ROS_REPORT, PLIANT_RVIZ_REPORT (a line each)
-#      PLIANT_BIN_DIR (programs), PLIANT_NODE_DIR (what rosrun finds), PLIANT_LIB_DIR, PLIANT_INCLUDE_DIR, PLIANT_SHARE_DIR
+#      PLIANT_BIN_DIR (programs), PLIANT_LIB_DIR, PLIANT_INCLUDE_DIR, PLIANT_SHARE_DIR
 include(GNUInstallDirs)
 set(PLIANT_WITH_ROS FALSE)
 set(PLIANT_WITH_RVIZ FALSE)
@@ -54,10 +54,13 @@ set(missing "")
 if(PLIANT_ROS STREQUAL OFF)
   set(PLIANT_ROS_REPORT "no (PLIANT_ROS=OFF)")
 else()
+  # Find an installed Noetic whose setup.bash was not sourced. Without catkin, build without ROS.
+  #catkin_lint: ignore env_var critical_var_append missing_required
   if(EXISTS /opt/ros/noetic AND NOT "$ENV{CMAKE_PREFIX_PATH}" MATCHES "/opt/ros/noetic")
     list(APPEND CMAKE_PREFIX_PATH /opt/ros/noetic)
   endif()
   find_package(catkin QUIET COMPONENTS ${pliant_ros_components})
+  #catkin_lint: report env_var critical_var_append missing_required
   if(NOT catkin_FOUND)
     set(missing catkin)
   else()
@@ -105,20 +108,37 @@ if(PLIANT_WITH_ROS)
   add_message_files(DIRECTORY msg FILES ${message_files})
   add_service_files(DIRECTORY srv FILES ${service_files})
   generate_messages(DEPENDENCIES std_msgs geometry_msgs)
-  if(PLIANT_MSGS_ONLY)
-    catkin_package(CATKIN_DEPENDS message_runtime std_msgs geometry_msgs)
-  else()
-    catkin_package(INCLUDE_DIRS include LIBRARIES pliant pliant_report pliant_ros
-                   CATKIN_DEPENDS message_runtime roscpp nodelet dynamic_reconfigure std_msgs geometry_msgs sensor_msgs
-                                  visualization_msgs diagnostic_msgs std_srvs
-                   CFG_EXTRAS ${PROJECT_SOURCE_DIR}/src/cmake/pliant-extras.cmake)
+  set(pliant_exports CATKIN_DEPENDS message_runtime std_msgs geometry_msgs)
+  if(NOT PLIANT_MSGS_ONLY)
+    list(APPEND pliant_exports roscpp sensor_msgs topic_tools visualization_msgs # as the public headers include them
+         INCLUDE_DIRS include LIBRARIES pliant pliant_report pliant_ros
+         CFG_EXTRAS ${PROJECT_SOURCE_DIR}/src/cmake/pliant-extras.cmake)
   endif()
+  catkin_package(${pliant_exports})
+
+  # rosrun searches lib/pliant of the devel space, then the source tree. It leaves out files whose path begins with the
+  # package's path and "/build/". It finds a devel space in build/ if ROS spells the package's path in another way.
+  # In another folder of the source tree both searches find a program, so it may not lie in both bin and lib/pliant.
+  string(FIND "${CATKIN_DEVEL_PREFIX}/" "${PROJECT_SOURCE_DIR}/" in_source)
+  string(FIND "${CATKIN_DEVEL_PREFIX}/" "${PROJECT_SOURCE_DIR}/build/" in_build)
+  if(in_build EQUAL 0)
+    file(WRITE ${CATKIN_DEVEL_PREFIX}/.catkin "${PROJECT_SOURCE_DIR}/.")
+  endif()
+
+  # Give rosrun the command NAME of the devel space's bin.
+  function(pliant_link_command name)
+    if(in_build EQUAL 0 OR NOT in_source EQUAL 0)
+      file(MAKE_DIRECTORY ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
+      file(CREATE_LINK ${CATKIN_DEVEL_PREFIX}/${CATKIN_GLOBAL_BIN_DESTINATION}/${name}
+           ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION}/${name} SYMBOLIC)
+    endif()
+  endfunction()
   set(PLIANT_BIN_DIR ${CATKIN_GLOBAL_BIN_DESTINATION})
-  set(PLIANT_NODE_DIR ${CATKIN_PACKAGE_BIN_DESTINATION})
   set(PLIANT_LIB_DIR ${CATKIN_PACKAGE_LIB_DESTINATION})
   set(PLIANT_INCLUDE_DIR ${CATKIN_GLOBAL_INCLUDE_DESTINATION})
   set(PLIANT_SHARE_DIR ${CATKIN_PACKAGE_SHARE_DESTINATION})
 else()
+  #catkin_lint: skip (without ROS this is no catkin package)
   set(PLIANT_BIN_DIR ${CMAKE_INSTALL_BINDIR})
   set(PLIANT_LIB_DIR ${CMAKE_INSTALL_LIBDIR})
   set(PLIANT_INCLUDE_DIR ${CMAKE_INSTALL_INCLUDEDIR})

@@ -1,0 +1,9 @@
+#!/usr/bin/env python3
+"""Makes a message of Pliant and a step of a simulation."""
+import pliant
+from pliant.msg import ToolInput
+
+tool = ToolInput(name="forceps", jaw=0.25)
+sim = pliant.Sim(scan="phantom:40x29x30")
+sim.step()
+print("Pliant %s, %s with jaws at %g, %d nodes" % (pliant.version(), tool.name, tool.jaw, len(sim.nodes)))
