@@ -369,3 +369,24 @@ TEST(Objects, AreRefusedByNameWithARemedy)
                        {element == 8 ? "are FloatPixelData" : "are DoubleFloatPixelData", "convert it to NIfTI"});
     }
 }
+
+/* Archives keep dose reports and segmentations in series of their own. */
+TEST(Stack, SeriesOfPicturesNeedNoChoice)
+{
+    temporary_folder folder;
+    save_series(folder, 5);
+    dicom_file report, segmentation;
+    report.series = "1.2.3.7";
+    report.samples = 3;
+    report.photometric = "RGB";
+    report.pixels.resize(36);
+    save(folder / "a.dcm", report.bytes());
+    segmentation.series = "1.2.3.8";
+    segmentation.object = "1.2.840.10008.5.1.4.1.1.66.4";
+    save(folder / "b.dcm", segmentation.bytes());
+    expect_five_slices(folder, {folder.path(), "only series that can be a volume", "1.2.3.1", "1.2.3.7", "1.2.3.8"});
+    report.samples = 1;
+    report.photometric = "MONOCHROME2";
+    save(folder / "a.dcm", report.bytes());
+    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"3 series", "scan/series=UID"});
+}

@@ -167,11 +167,12 @@ void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_fi
     slice->spacing = numbers_of(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
 }
 
-/* Return whether a file is a picture in colour, or a film without places, and so no slice of any stack. */
+/* Return whether a file can be no slice of a stack: a picture in colour, a film without places, a segmentation. */
 bool is_picture(const dicom_file &file)
 {
     const std::string frames = file.text(FRAMES);
-    return file.has_pixels && (is_colour(file) || (file.frames.empty() && !frames.empty() && frames != "1"));
+    const bool is_film = file.frames.empty() && !frames.empty() && frames != "1";
+    return !refused_object(file.text(CLASS)).empty() || (file.has_pixels && (is_colour(file) || is_film));
 }
 
 /* Append the image of a file, or its frames, to slices. Return false if the file is no DICOM image (a report, an index,
@@ -268,10 +269,26 @@ std::string listed(const series_map &series)
     return text;
 }
 
+/* Without the series that hold pictures and other objects only. */
+series_map volumes_of(const std::string &folder, const series_map &series)
+{
+    series_map volumes;
+    for (const auto &one : series)
+        if (!std::all_of(one.second.begin(), one.second.end(),
+                         [](const dicom_slice &slice) { return slice.is_picture; }))
+            volumes.insert(one);
+    if (volumes.size() == 1 && series.size() > 1)
+        pliant_log(PLIANT_LOG_WARNING, "%s: the only series that can be a volume is taken of:%s", folder.c_str(),
+                   listed(series).c_str());
+    return volumes;
+}
+
 /* By its UID or an ending of it that no other series has. */
-const std::vector<dicom_slice> &chosen(const std::string &folder, const series_map &series, const char *wanted)
+std::vector<dicom_slice> chosen(const std::string &folder, const series_map &series, const char *wanted)
 {
     if (!wanted || !*wanted) {
+        const series_map volumes = volumes_of(folder, series);
+        if (volumes.size() == 1) return volumes.begin()->second;
         if (series.size() > 1)
             fail(PLIANT_ERROR_FORMAT, "%s: holds %zu series; name one in the scene as scan/series (--set scan/series=UID), by its UID or the end of it:%s", folder.c_str(), series.size(),
                  listed(series).c_str());

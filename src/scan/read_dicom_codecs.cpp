@@ -182,6 +182,9 @@ private:
     void *at_;
 };
 
+/* No image takes as long. A damaged one may keep a decoder busy for ever. */
+const unsigned LONGEST_SECONDS = 120;
+
 void end_child(int) { _exit(1); }
 
 /* The numbers of a file, behind a byte that is 1 where decompression succeeded. */
@@ -191,8 +194,12 @@ void decode_apart(const std::string &path, const std::string &file, size_t bytes
     if (child < 0)
         fail(PLIANT_ERROR_MEMORY, "%s: no process can be started to decompress it: %s", path.c_str(), strerror(errno));
     if (child == 0) {
-        for (int signal_number : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL})
-            std::signal(signal_number, end_child);       /* no core file */
+        for (int signal_number : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGALRM})
+            std::signal(signal_number, end_child); /* no core file */
+        sigset_t none;
+        sigemptyset(&none);
+        pthread_sigmask(SIG_SETMASK, &none, nullptr); /* the caller's thread may block them */
+        alarm(LONGEST_SECONDS);
         const int nowhere = open("/dev/null", O_WRONLY); /* GDCM and its codecs write to the console */
         dup2(nowhere, STDOUT_FILENO);
         dup2(nowhere, STDERR_FILENO);
