@@ -149,6 +149,36 @@ TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
     }
 }
 
+// The reported area is the area of tissue in the section. Faces of partly filled tetrahedra have a larger area.
+TEST(Subdivide, OnlyTissueCountsAsArea)
+{
+    const std::vector<Material> materials = {{4000, 0.4, 1000, false}, {10, 0, 1, true}};
+    std::unique_ptr<Body> body(new Body(size, box, materials, [](int, int j, int) { return j < 8 ? 0 : 1; }));
+    Split block(built(std::move(body), [](pliant_scene &) {}));
+    const double point[3] = {0.1, 0.05, 0.05}, normal[3] = {1, 0, 0}, tissue = 0.04 * 0.1;
+    ASSERT_TRUE(block.cut_plane(point, normal));
+    EXPECT_NEAR(block.report.area, tissue, 0.03 * tissue) << "the faces have 0.005 m^2";
+}
+
+// A node that a cut puts on an edge is fixed if both ends of the edge are fixed. All other new nodes move.
+TEST(Subdivide, NodesOnEdgesAreFixedBetweenFixedOnesAlone)
+{
+    Split block(uniform());
+    const double point[3] = {0.01, 0.043, 0.05}, normal[3] = {0.3, 1, 0.2};
+    const int32_t before = block.now->fine.num_nodes;
+    ASSERT_TRUE(block.cut_plane(point, normal));
+    EXPECT_EQ(block.report.pieces, 2) << "the fixed plane holds both";
+    int fixed = 0, beside = 0;
+    for (int32_t n = before; n < block.now->fine.num_nodes; n++) {
+        const double x = block.now->fine.rest[3 * n];
+        EXPECT_EQ(block.now->fine_fixed[n] == PLIANT_MOVES, x > 1e-6) << x;
+        fixed += x <= 1e-6;
+        beside += x > 1e-6 && x < 0.0249;
+    }
+    EXPECT_GT(fixed, 3);
+    EXPECT_GT(beside, 3);
+}
+
 // Nodes, edges and faces that lie in a blade's plane stay what they are: only what it passes between them is cut, and the section is the plane's.
 TEST(Subdivide, PlanesWhereEverythingIsOnThem)
 {

@@ -198,6 +198,46 @@ TEST(Cut, PlanesWhereEverythingIsOnThem)
         }
 }
 
+// The reported area is the area of the section at rest, although the tissue is turned and sheared during the cut.
+TEST(Cut, AreaIsOfTheTissueAtRest)
+{
+    const double move[9] = {0.7, -0.9, 0.2, 0.8, 0.6, -0.4, 0.1, 0.3, 1.1}; // determinant 1.41
+    const double inverse[9] = {0.78, 1.05, 0.24, -0.92, 0.75, 0.44, 0.18, -0.3, 1.14}; // times that determinant
+    const double rest[3] = {0.103, 0.05, 0.05}, normal[3] = {1, 0.2, -0.1};
+    auto block = bar();
+    for (int32_t n = 0; n < block->now->fine.num_nodes; n++)
+        for (int r = 0; r < 3; r++) {
+            const double *x = block->now->fine.rest + 3 * n;
+            block->positions[3 * n + r] = move[3 * r] * x[0] + move[3 * r + 1] * x[1] + move[3 * r + 2] * x[2];
+        }
+    double point[3], moved[3]; // normals go by the transposed inverse
+    for (int r = 0; r < 3; r++) {
+        point[r] = move[3 * r] * rest[0] + move[3 * r + 1] * rest[1] + move[3 * r + 2] * rest[2];
+        moved[r] = inverse[r] * normal[0] + inverse[3 + r] * normal[1] + inverse[6 + r] * normal[2];
+    }
+    ASSERT_TRUE(block->cut_plane(point, moved));
+    EXPECT_EQ(block->report.pieces, 2);
+    EXPECT_NEAR(block->report.area, 0.01 * std::sqrt(1.05), 0.01 * 0.01);
+}
+
+// A cut between two materials gives half of its area to each. A cut within one material gives it all of the area.
+TEST(Cut, AreaIsSharedByTheMaterialsOnBothSides)
+{
+    for (double at : {0.1, 0.05, 0.15}) {
+        const std::vector<Material> materials = {{4000, 0.4, 1000, false}, {20000, 0.3, 1200, false}};
+        std::unique_ptr<Body> body(new Body(size, box, materials, [](int i, int, int) { return i < 20 ? 0 : 1; }));
+        body->fix_plane(1e-6, 0, 0, 1, 0, 0);
+        body->cells(8, 4, 4, 1);
+        body->scene.cut.kind = PLIANT_CUT_SEVER;
+        ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+        Cuttable block(std::move(body));
+        const double point[3] = {at, 0.05, 0.05}, normal[3] = {1, 0, 0};
+        ASSERT_TRUE(block.cut_plane(point, normal, 1));
+        EXPECT_NEAR(block.report.area_of[0], at < 0.1 ? 0.01 : at > 0.1 ? 0 : 0.005, 1e-9) << at;
+        EXPECT_NEAR(block.report.area_of[1], at < 0.1 ? 0 : at > 0.1 ? 0.01 : 0.005, 1e-9) << at;
+    }
+}
+
 // Through centres of voxels, while the tissue is where it is up to the tolerance of a solve: one flat layer of links.
 TEST(Cut, ThroughCentresOfVoxelsItIsFlat)
 {

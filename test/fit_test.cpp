@@ -1,6 +1,7 @@
 // Warp by fitting: polynomials of second order exactly; against rasterization on a smooth map; what is drawn.
 #include "pipeline/body.h"
 #include "warp/fit.h"
+#include "warp/fit_point.h"
 
 #include <array>
 
@@ -195,6 +196,40 @@ TEST(Fit, DrawsNoTissueBesideTheBody)
                 }
         EXPECT_EQ(beside, 0) << step;
         EXPECT_EQ(missing, 0) << step << ", of " << inside;
+    }
+}
+
+// Near a cut, the rest position of a voxel is blended between the map of its element and the map of the fit. The weight
+// of the element's map is the sum of the barycentric coordinates of the nodes near the cut.
+TEST(Fit, NearACutMapsAreBlendedByBarycentricCoordinates)
+{
+    const double rest[12] = {3, 4, 5, 7.5, 4.5, 4, 2, 9, 6.5, 4, 3, 11};
+    const int32_t tet[4] = {0, 1, 2, 3};
+    float fitted[3] = {50, -20, 30}; // one lattice point: the same everywhere
+    fit_view view{};
+    for (int d = 0; d < 3; d++) view.target.size[d] = view.size[d] = 1;
+    view.step = 1;
+    view.tets = tet;
+    view.rest = rest;
+    view.map = fitted;
+    const double weight[4] = {0.15, 0.4, 0.35, 0.1}, voxel[3] = {0, 0, 0};
+    for (int chosen = 1; chosen < 16; chosen++) {
+        uint8_t near[4], zone = 0;
+        double own[3] = {0, 0, 0}, index[3], part = 0;
+        for (int v = 0; v < 4; v++) {
+            near[v] = static_cast<uint8_t>(chosen >> v & 1);
+            zone = static_cast<uint8_t>(zone + near[v]);
+            part += near[v] * weight[v];
+            for (int d = 0; d < 3; d++) own[d] += weight[v] * rest[3 * v + d];
+        }
+        view.zone = &zone;
+        view.near = near;
+        std::copy(own, own + 3, index);
+        fit_blend(&view, 0, voxel, index);
+        for (int d = 0; d < 3; d++) {
+            const double fit = double(fitted[d]);
+            EXPECT_NEAR(index[d], fit + part * (own[d] - fit), 1e-9) << chosen;
+        }
     }
 }
 

@@ -235,6 +235,49 @@ TEST(Radiograph, LeftIsOnTheRightAndTheHeadUp)
     EXPECT_LT(brightest(0, pi / 2 - 0.01)[1], 0);
 }
 
+TEST(CArm, TheHeadIsUpAtAnyAngle)
+{
+    for (double primary : {0.0, 0.6, -1.2})
+        for (double secondary : {0.0, 0.4, -0.7}) {
+            const pliant_c_arm arm = {{0.1, 0.2, 0.3}, 0.8, 1.2, primary, secondary, 8, 8, 0.001};
+            pliant_camera camera;
+            ASSERT_EQ(pliant_c_arm_camera(&arm, &camera), PLIANT_OK) << pliant_last_error();
+            const double *pose = camera.pose; // rows: left, posterior, superior; columns: right, down, ahead, position
+            EXPECT_NEAR(pose[8], 0, 1e-12) << "the head axis is vertical in the image: " << primary << " " << secondary;
+            EXPECT_NEAR(pose[9], -std::cos(secondary), 1e-12) << primary << " " << secondary;
+            EXPECT_NEAR(pose[10], std::sin(secondary), 1e-12) << primary << " " << secondary;
+            for (int d = 0; d < 3; d++) EXPECT_NEAR(pose[4 * d + 3] + 0.8 * pose[4 * d + 2], arm.isocentre[d], 1e-12);
+        }
+}
+
+TEST(Render, LightOnAPlaneFollowsItsNormalWhateverTheSpacing)
+{
+    const pliant_geometry geometry = {
+        {41, 33, 17}, {-0.02, -0.024, -0.024}, {0.001, 0.0015, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const double n[3] = {0.36, 0.8, 0.48}; // unit normal into the tissue, whose value rises along it
+    auto along_normal = [&](const vector3 &x) { return n[0] * x[0] + n[1] * x[1] + n[2] * x[2]; };
+    auto rises = [&](const vector3 &x) { return 1e4 * along_normal(x); };
+    const volume_ptr scan = volume_of(geometry, PLIANT_FLOAT32, rises);
+    const pliant_camera camera = camera_at(21, 21, 0.2, {0.01, -0.1, 0.02}, {0, 0, 0});
+    pliant_style style = style_of(*scan, 0);
+    style.num_colours = 1;
+    style.colours[0] = {0, {0.8f, 0.4f, 0.2f}};
+    style.ambient = 0.2f;
+    style.diffuse = 0.7f;
+    style.specular = 0;
+    Picture seen(camera);
+    ASSERT_EQ(pliant_render(scan.get(), nullptr, &camera, &style, 1, &seen.image), PLIANT_OK) << pliant_last_error();
+    for (int row = 0; row < 21; row++)
+        for (int column = 0; column < 21; column++) {
+            const vector3 ray = ray_of(camera, column, row);
+            const double light = 0.2 + 0.7 * along_normal(ray) / length(ray);
+            for (int c = 0; c < 3; c++) {
+                const double colour = 255 * light * double(style.colours[0].rgb[c]);
+                EXPECT_NEAR(seen.rgb[3 * (21 * row + column) + c], colour, 1) << column << " " << row;
+            }
+        }
+}
+
 TEST(Render, WrongArgumentsAndMissingMemory)
 {
     const volume_ptr scan = volume_of(cube(20, 0.001), PLIANT_INT16, [](const vector3 &) { return 40; });
@@ -400,6 +443,27 @@ TEST(View, TissueThatIsMovedAsAWholeIsACameraThatIsMovedTheOtherWay)
         EXPECT_LT(darker, both / 10) << by_label; // where it is grazed, light falls off within a fraction of a voxel
     }
     pliant_view_free(view);
+}
+
+TEST(View, AnotherChoiceOfTissuesIsSeenAtOnce)
+{
+    const Tissue tissue;
+    const pliant_camera camera = camera_at(64, 48, 0.5, {0.02, -0.11, 0.04}, {0, 0, 0});
+    pliant_style soft = style_of(*tissue.scan, 350), hard = soft;
+    soft.by_label = hard.by_label = true;
+    hard.shown[2] = 0; // the kernel alone
+    pliant_view *view = nullptr, *fresh = nullptr;
+    ASSERT_EQ(pliant_view_create(tissue.model, nullptr, &view), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_view_create(tissue.model, nullptr, &fresh), PLIANT_OK) << pliant_last_error();
+    Picture kernel(camera), ball(camera), alone(camera);
+    EXPECT_EQ(pliant_view_render(view, &camera, &hard, &kernel.image), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_view_render(view, &camera, &soft, &ball.image), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_view_render(fresh, &camera, &soft, &alone.image), PLIANT_OK) << pliant_last_error();
+    EXPECT_NE(kernel.label, ball.label);
+    EXPECT_EQ(ball.label, alone.label);
+    EXPECT_EQ(ball.rgb, alone.rgb);
+    pliant_view_free(view);
+    pliant_view_free(fresh);
 }
 
 TEST(View, FollowsACutAndSeesWhatAnotherHasDrawn)

@@ -142,6 +142,9 @@ TEST(TledError, IsWithinAFactorOfThree)
                 std::printf("scene %d, frame %.3f s, safety %.1f: told / true %.2f, within 3: %d of 40\n", static_cast<int>(kind), frame, safety,
                             0.5 * (ratios[19] + ratios[20]), here);
                 EXPECT_GE(here, 28);
+                const double median = 0.5 * (ratios[19] + ratios[20]);
+                EXPECT_GT(median, 2.0 / 3) << "of a short frame h^2 T j / 6, of a long one a fourth of that";
+                EXPECT_LT(median, 2);
                 frames += 40;
                 within += here;
             }

@@ -228,6 +228,64 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
     }
 }
 
+// A frame whose sub-step is too long is rolled back and run again with halved sub-steps. The result has the same bits
+// as the result of a body whose sub-steps were halved before the frame. Velocities stay the same.
+TEST_P(EveryKind, AFrameThatIsRolledBackLeavesNothingBehind)
+{
+    double mean[2];
+    std::vector<double> u[2], d[2], force[2];
+    std::vector<float> memory[2];
+    for (int halved = 0; halved < 2; halved++) {
+        Bar bar(2, 4, 0.04, {5e3, 0.3, 1000, false}, false);
+        bar.scene.tled.prony_share[0] = 0.4;
+        bar.scene.tled.prony_time[0] = 0.01;
+        bar.scene.solver.step = 4e-3;
+        bar.scene.solver.threads = 1;
+        bar.scene.ground.normal[2] = 1;
+        bar.scene.ground.point[2] = -10; // a free body needs a ground
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        pliant_tled &tled = *bar.data->tled;
+        const pliant_mesh &mesh = bar.model->body->fine;
+        const double point[3] = {0.01, 0.01, 0.035}, tip[3] = {0.013, 0.01, 0.035};
+        int tool;
+        ASSERT_EQ(pliant_tool_add(bar.model, bar.data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, point), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, PLIANT_DRIVE_SPRING, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_spring(bar.data, tool, 2, 0.01), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, tip, nullptr), PLIANT_OK);
+        Matrix shear = Matrix::Identity();
+        shear(0, 2) = 0.05;
+        put(bar, shear); // the rollback must keep the relaxed stress
+        ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
+        // as fast as 0.6 of an edge in a sub-step: half of an edge is the limit
+        const double fast = 0.006, speed = fast / tled.time_step;
+        for (int32_t n = 0; n < mesh.num_nodes; n++) tled.d[3 * n + 1] = fast;
+        if (halved) {
+            tled.substeps *= 2;
+            tled.time_step *= 0.5;
+            for (int32_t n = 0; n < 3 * mesh.num_nodes; n++) tled.d[n] *= 0.5;
+        }
+        double start = 0;
+        for (int32_t n = 0; n < mesh.num_nodes; n++) start += tled.u[3 * n + 1] / mesh.num_nodes;
+        ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(tled.halvings, 1 - halved);
+        mean[halved] = -start;
+        for (int32_t n = 0; n < mesh.num_nodes; n++) mean[halved] += tled.u[3 * n + 1] / mesh.num_nodes;
+        EXPECT_NEAR(mean[halved], speed * 4e-3, 0.02 * speed * 4e-3);
+        u[halved].assign(tled.u, tled.u + 3 * mesh.num_nodes);
+        d[halved].assign(tled.d, tled.d + 3 * mesh.num_nodes);
+        force[halved].assign(bar.data->tools[tool].force, bar.data->tools[tool].force + 3);
+        const float *kept = &tled.memory[0][0][0];
+        memory[halved].assign(kept, kept + size_t(pliant_tled_blocks(tled.system)) * 6 * PLIANT_PRONY_TERMS * LANES);
+    }
+    EXPECT_TRUE(u[0] == u[1]);
+    EXPECT_TRUE(d[0] == d[1]);
+    EXPECT_TRUE(memory[0] == memory[1]);
+    EXPECT_TRUE(force[0] == force[1]);
+    EXPECT_GT(*std::max_element(memory[0].begin(), memory[0].end()), 0);
+    EXPECT_NE(force[0][0], 0);
+}
+
 TEST(Tled, SmallStrainsGiveTheCorotationalAnswer)
 {
     Bar quiet(3, 6, 0.06, {5e3, 0.4, 1000, false}), corotational(3, 6, 0.06, {5e3, 0.4, 1000, false});
@@ -328,6 +386,51 @@ TEST_P(EveryKind, ToolsHoldPullAndFeel)
             EXPECT_NEAR(spring.force[d], pull, 2e-4 + 0.02 * std::fabs(pull));
         }
         EXPECT_GT(rigid.force[0], 0);
+    }
+}
+
+// The mean force of a tool on a free body is the change of momentum over the frame time, however the frame is split.
+TEST_P(EveryKind, AToolsForceIsTheChangeOfMomentumInHoweverManyParts)
+{
+    const double frame = 0.1;
+    for (int parts : {1, 3}) {
+        Bar bar(2, 4, 0.04, {5e3, 0.3, 1000, false}, false);
+        bar.scene.ground.normal[2] = 1;
+        bar.scene.ground.point[2] = -10; // a free body needs a ground
+        bar.scene.solver.step = frame;
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        pliant_tled &tled = *bar.data->tled;
+        const double point[3] = {0.01, 0.01, 0.035}, tip[3] = {0.014, 0.008, 0.036};
+        int tool;
+        ASSERT_EQ(pliant_tool_add(bar.model, bar.data, "tool", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, point), PLIANT_OK) << pliant_last_error();
+        ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, PLIANT_DRIVE_SPRING, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_spring(bar.data, tool, 5, 0), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_set_pose(bar.data, tool, tip, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
+        auto momentum = [&] {
+            std::array<double, 3> out{};
+            for (int32_t n = 0; n < 3 * tled.system->mesh->num_nodes; n++)
+                out[n % 3] += tled.system->node_mass[n / 3] * tled.d[n] / tled.time_step;
+            return out;
+        };
+        const std::array<double, 3> before = momentum();
+        const int32_t one = tled.substeps / parts;
+        ASSERT_GT(one, 5);
+        tled.contacts = nullptr;
+        for (int p = 0; p < parts; p++) {
+            tled.part = p + 1 < parts ? one - p : 0; // three different lengths
+            pliant_data &data = *bar.data;
+            const pliant_status status = pliant_tled_step(&tled, data.tools, data.num_tools, &data.statistics);
+            ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
+        }
+        EXPECT_EQ(tled.made, 0);
+        const std::array<double, 3> after = momentum();
+        for (int d = 0; d < 3; d++) {
+            const double mean = (after[d] - before[d]) / frame;
+            EXPECT_GT(std::fabs(mean), 1e-4);
+            EXPECT_NEAR(bar.data->tools[tool].force[d], mean, 1e-3 * std::fabs(mean)) << parts;
+        }
     }
 }
 
