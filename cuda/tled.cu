@@ -111,9 +111,11 @@ static pliant_status allocate_state(pliant_cuda_tled *gpu)
     const size_t blocks = (size_t)std::max(it->num_groups, (it->num_nodes + GPU_THREADS - 1) / GPU_THREADS);
     for (int b = 0; b < 2; b++) {
         CUDA_TRY(allocate(gpu, 4 * nodes, &it->d_u[b]));
-        CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_d[b]));
+        if (b == 0 || it->damped) CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_d[b]));
         if (it->viscous) CUDA_TRY(allocate(gpu, memory, &it->d_memory[b]));
     }
+    if (!it->damped) it->d_d[1] = it->d_d[0];
+    if (!it->still) CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_older));
     CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_acceleration));
     if (it->still) CUDA_TRY(allocate(gpu, 3 * nodes, &it->d_own));
     if (it->nodal) CUDA_TRY(allocate(gpu, nodes, &it->d_pressure));
@@ -212,7 +214,7 @@ extern "C" void pliant_cuda_tled_free(pliant_cuda_tled *gpu)
         if (block) pliant_cuda_unlock_pages(block);
     gpu_tled *it = &gpu->gpu;
     const void *blocks[] = {it->d_group, it->d_order, it->d_element, it->d_corner_start, it->d_corner, it->d_tets, it->d_cubes, it->d_nodes, it->d_rest, it->d_node_modulus,
-                            it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d[0], it->d_d[1], it->d_acceleration, it->d_own, it->d_memory[0],
+                            it->d_node_volume, it->d_pressure, it->d_u[0], it->d_u[1], it->d_d[0], it->damped ? it->d_d[1] : NULL, it->d_older, it->d_acceleration, it->d_own, it->d_memory[0],
                             it->d_memory[1], it->d_sums, it->d_positions, it->d_packed_u, it->d_packed_memory, gpu->d_exchange};
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
     release_held(it);

@@ -97,7 +97,8 @@ typedef struct gpu_tled {
     const float *d_node_modulus, *d_node_volume; /* nodal pressure, as is d_pressure */
     float *d_pressure;
     double *d_u[2];            /* (num_nodes x 4), three numbers and a gap */
-    double *d_d[2];            /* (num_nodes x 3) last increments, which change places likewise */
+    double *d_d[2];            /* (num_nodes x 3) last increments; one array, unless damped: then neighbours read them */
+    double *d_older;           /* (num_nodes x 3) increments before the last ones, at the end of a frame; NULL: still */
     double *d_acceleration, *d_own; /* (num_nodes x 3); acceleration of held nodes only, but for dynamic relaxation */
     float *d_memory[2];        /* (num_prony x num_elements x 8), six numbers and a gap */
     double *d_sums;            /* (blocks x PLIANT_NUM_SUMS) */

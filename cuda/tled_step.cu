@@ -70,38 +70,51 @@ static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
     outcome->kept = (1 - frequency) / (1 + frequency);
 }
 
-/* Three threads move a node, one for each component; ten nodes a warp. What they need is asked for before the forces are there. */
+/* Three threads move a node, one for each component; ten nodes a warp. */
 struct component {
     bool moves;                /* it is there, and not fixed */
     int32_t n, begin, end;     /* node; its corners in d_corner */
     int k;
     gpu_node node;
-    double u, d, gravity, factor, kept;
+    double u, d, factor, kept;
 };
 
-static __device__ __forceinline__ component load_component(const gpu_tled &tled, int32_t first, int32_t count, int present, double *d_next)
+/* What is needed to find the forces on it. The rest is loaded once the forces are there: registers decide how many blocks a multiprocessor
+ * holds, and the sum over the corners hides the wait. */
+static __device__ __forceinline__ component find_component(const gpu_tled &tled, int32_t first, int32_t count)
 {
-    const double *d_u = tled.d_u[present];
     component out = {};
     const int lane = (int)threadIdx.x % 32;
     const int32_t j = (int32_t)threadIdx.x / 32 * 10 + lane / 3;
+    out.n = -1;
+    out.k = lane % 3;
     if (lane >= 30 || j >= count) return out;
     out.n = tled.d_order[first + j];
-    out.k = lane % 3;
     out.begin = tled.d_corner_start[first + j];
     out.end = tled.d_corner_start[first + j + 1];
-    const double2 *from = reinterpret_cast<const double2 *>(tled.d_nodes + out.n);
-    const double2 masses = from[0], others = from[1];
-    out.node.inverse_mass = masses.x, out.node.mass = masses.y, out.node.limit = others.x, out.node.held = others.y;
-    out.moves = masses.x != 0;
-    out.u = d_u[4 * (size_t)out.n + out.k];
-    if (!out.moves && !tled.still) d_next[4 * (size_t)out.n + out.k] = out.u;
-    out.d = tled.d_d[present][3 * (size_t)out.n + out.k];
-    if (!out.moves && !tled.still) tled.d_d[1 - present][3 * (size_t)out.n + out.k] = out.d;
-    out.gravity = tled.d_frame->gravity[out.k];
-    out.factor = tled.d_frame->factor;
-    out.kept = tled.d_frame->kept;
     return out;
+}
+
+static __device__ __forceinline__ void load_component(const gpu_tled &tled, int present, component *out)
+{
+    out->factor = tled.d_frame->factor;
+    out->kept = tled.d_frame->kept;
+    if (out->n < 0) return;
+    const size_t n = (size_t)out->n;
+    const double2 *from = reinterpret_cast<const double2 *>(tled.d_nodes + n);
+    const double2 masses = from[0], others = from[1];
+    out->node.inverse_mass = masses.x, out->node.mass = masses.y, out->node.limit = others.x, out->node.held = others.y;
+    out->moves = masses.x != 0;
+    out->u = tled.d_u[present][4 * n + out->k];
+    out->d = tled.d_d[present][3 * n + out->k];
+}
+
+/* A fixed node stays where it is. */
+static __device__ __forceinline__ void keep_fixed(const gpu_tled &tled, const component &at, double *d_next, double *d_d)
+{
+    if (at.n < 0 || at.moves) return;
+    d_next[4 * (size_t)at.n + at.k] = at.u;
+    if (tled.damped) d_d[3 * (size_t)at.n + at.k] = at.d;
 }
 
 /* a component's fellow components, from the threads beside it: by all threads of a warp */
@@ -114,14 +127,23 @@ static __device__ __forceinline__ void share(double mine, int k, double all[3])
 /* an index that is known only while running would put the array into slow memory */
 static __device__ __forceinline__ double pick(const double all[3], int k) { return k == 0 ? all[0] : k == 1 ? all[1] : all[2]; }
 
+/* What a kernel is made for. Less needs fewer registers, so that a multiprocessor holds more blocks: 4 of 256 threads up to 64 registers,
+ * 3 up to 80, 2 up to 128. */
+enum kernel_kind {
+    FREE_TETS,                 /* tetrahedra that meet no wall */
+    TETS,
+    ANY_ELEMENTS               /* hexahedra too, or damping in proportion to stiffness */
+};
+
 /* A node that moves, by central differences: from its acceleration to where it is next. By all threads of a warp; returns the component of
  * the acceleration by all forces. */
+template <bool WALLS>
 static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next, double *d_d)
 {
     double u[3], d[3], a[3];
     at.d = at.factor * acceleration + at.kept * at.d;
     at.u += at.d;
-    if (tled.num_walls > 0) {
+    if (WALLS && tled.num_walls > 0) {
         share(at.u, at.k, u);
         share(at.d, at.k, d);
         share(acceleration, at.k, a);
@@ -144,6 +166,7 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
 /* The error of time integration at a node that moves, before it does: error_at in src/fem/dynamics/tled_step.c. What its acceleration was follows from the
  * last two increments. By all threads of a warp.
  *  @param older the increment before the last */
+template <bool WALLS>
 static __device__ __forceinline__ double error_of_component(const gpu_tled &tled, const component &at, double acceleration, double older)
 {
     double u[3], d[3], changes[3];
@@ -151,7 +174,7 @@ static __device__ __forceinline__ double error_of_component(const gpu_tled &tled
     share(at.moves ? acceleration - (at.d - at.kept * older) / at.factor : 0, at.k, changes);
     share(at.u, at.k, u);
     if (!at.moves || at.node.held != 0 || at.k != 0) return 0;
-    if (pliant_substep_touches(tled.walls, tled.num_walls, tled.d_rest + 3 * (size_t)at.n, u)) return 0;
+    if (WALLS && pliant_substep_touches(tled.walls, tled.num_walls, tled.d_rest + 3 * (size_t)at.n, u)) return 0;
     const double change = sqrt(changes[0] * changes[0] + changes[1] * changes[1] + changes[2] * changes[2]);
     const double step = tled.d_frame->time_step;
     return pliant_substep_error(tled.d_frame->whole * step, step, change, sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
@@ -167,10 +190,11 @@ static __device__ __forceinline__ void keep_component(const gpu_tled &tled, cons
     tled.d_own[place] = tled.d_acceleration[place] = acceleration;
 }
 
-/* MORE: there may be hexahedra, and damping in proportion to stiffness */
-template <int LAW, bool VISCOUS, bool NODAL, bool MORE>
-__global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tled, int32_t number)
+template <int LAW, bool VISCOUS, bool NODAL, int KIND>
+__global__ void __launch_bounds__(GPU_THREADS, KIND == ANY_ELEMENTS ? 2 : (KIND == TETS ? 3 : 4) - VISCOUS)
+substep_kernel(const gpu_tled tled, int32_t number)
 {
+    constexpr bool MORE = KIND == ANY_ELEMENTS, WALLS = KIND != FREE_TETS;
     __shared__ float force[MORE ? 24 : 12][GPU_THREADS];
     __shared__ double scratch[3][GPU_THREADS / 32];
     const int32_t step = tled.d_outcome->base + number, element = tled.d_element[(size_t)blockIdx.x * GPU_THREADS + threadIdx.x];
@@ -180,19 +204,19 @@ __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tle
     const bool is_tet = element >= 0 && (!MORE || element >> 1 < tled.num_tets);
     gpu_tet tet;
     if (is_tet) tet = load_tet(tled.d_tets, element >> 1); /* first, since the most follows from it */
-    double *d_next = tled.d_u[1 - from];
-    const int32_t substeps = tled.d_frame->substeps;
-    const component at = load_component(tled, first, count, from, d_next);
+    component at = find_component(tled, first, count);
     if (is_tet) element_forces<LAW, VISCOUS, NODAL, MORE>(tled, from, number & 1, element, tet, force);
     else if (MORE && element >= 0) cube_forces<LAW, VISCOUS>(tled, from, number & 1, element, force);
     __syncthreads();
-    if (step >= substeps) return; /* only here, so that nothing before waits to know */
-    double sum = 0;
+    load_component(tled, from, &at);
+    const int32_t substeps = tled.d_frame->substeps;
+    double *d_next = tled.d_u[1 - from], sum = 0;
     for (int32_t c = at.begin; c < at.end; c++) {
         const int32_t place = __ldg(tled.d_corner + c);
         sum += force[place / GPU_THREADS * 3 + at.k][place % GPU_THREADS];
     }
-    const double weight = at.node.mass * at.gravity;
+    if (step >= substeps) return; /* only here, so that nothing before waits to know */
+    const double weight = at.node.mass * tled.d_frame->gravity[at.k];
     double acceleration = at.node.inverse_mass * (weight - sum), sums[3] = {at.node.inverse_mass * weight * weight, 0, 0};
     if (tled.still) {
         const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_STIFFNESS, PLIANT_SUM_INERTIA};
@@ -201,10 +225,13 @@ __global__ void __launch_bounds__(GPU_THREADS) substep_kernel(const gpu_tled tle
         if (is_last_block(tled.d_outcome)) choose_damping(tled, scratch[0]);
         return;
     }
+    keep_fixed(tled, at, d_next, tled.d_d[1 - from]);
     const int32_t left = tled.d_frame->whole - tled.d_frame->made - step;
     const bool told = left <= 2;
-    if (told) sums[2] = error_of_component(tled, at, acceleration, at.moves ? tled.d_d[1 - from][3 * (size_t)at.n + at.k] : 0);
-    acceleration = move_component(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
+    double *d_older = tled.d_older + 3 * (size_t)at.n + at.k;
+    if (told) sums[2] = error_of_component<WALLS>(tled, at, acceleration, at.moves ? *d_older : 0);
+    if (left <= 3 && at.moves) *d_older = at.d; /* the frame's last three alone need it */
+    acceleration = move_component<WALLS>(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
     if (!told) return;
     const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE};
     if (at.moves && at.node.held == 0) sums[1] = acceleration * acceleration / at.node.inverse_mass;
@@ -311,9 +338,7 @@ __global__ void finish_kernel(const gpu_tled tled)
         for (int k = 0; k < 3; k++) {
             const double u = tled.d_u[from][4 * (size_t)n + k];
             tled.d_u[0][4 * (size_t)n + k] = u;
-            const double d = tled.d_d[from][3 * (size_t)n + k], older = tled.d_d[1 - from][3 * (size_t)n + k];
-            tled.d_d[0][3 * (size_t)n + k] = d;
-            tled.d_d[1][3 * (size_t)n + k] = older; /* for the error, where a part begins */
+            if (tled.damped) tled.d_d[0][3 * (size_t)n + k] = tled.d_d[from][3 * (size_t)n + k];
             tled.d_packed_u[3 * (size_t)n + k] = u;
             tled.d_positions[3 * (size_t)n + k] = tled.d_rest[3 * (size_t)n + k] + u;
         }
@@ -366,13 +391,19 @@ __global__ void hold_kernel(gpu_node *d_nodes, const int32_t *d_held_node, int32
 
 static unsigned blocks_for(int32_t count) { return (unsigned)((count + GPU_THREADS - 1) / GPU_THREADS); }
 
-template <int LAW, bool VISCOUS> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
+template <int LAW, bool VISCOUS, int KIND> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
 {
     const unsigned groups = (unsigned)tled->num_groups;
     constexpr bool NODAL = LAW != PLIANT_LAW_SAINT_VENANT_KIRCHHOFF;
-    if (tled->d_cubes || tled->damped) substep_kernel<LAW, VISCOUS, NODAL, true><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
-    else if (tled->nodal) substep_kernel<LAW, VISCOUS, NODAL, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
-    else substep_kernel<LAW, VISCOUS, false, false><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    if (NODAL && (tled->nodal || KIND == ANY_ELEMENTS)) substep_kernel<LAW, VISCOUS, NODAL, KIND><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+    else substep_kernel<LAW, VISCOUS, false, KIND><<<groups, GPU_THREADS, 0, stream>>>(*tled, number);
+}
+
+template <int LAW, bool VISCOUS> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)
+{
+    if (tled->d_cubes || tled->damped) launch<LAW, VISCOUS, ANY_ELEMENTS>(tled, number, stream);
+    else if (tled->num_walls > 0) launch<LAW, VISCOUS, TETS>(tled, number, stream);
+    else launch<LAW, VISCOUS, FREE_TETS>(tled, number, stream);
 }
 
 template <int LAW> static void launch(const gpu_tled *tled, int32_t number, cudaStream_t stream)

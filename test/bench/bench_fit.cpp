@@ -1,6 +1,7 @@
 // The two ways to draw a deformed volume: seconds of an update, and error of the inverse map against a smooth one that is known.
 //   bench_fit [voxels: 256 160 122] [cells along an edge = 14]      on the CPU
 //   bench_fit cuda                                                  on the GPU, times alone: 256 x 160 x 122, 16-bit voxels
+#include "figure.h"
 #include "pliant/pliant.h"
 
 #include <cmath>
@@ -46,6 +47,7 @@ int bench_gpu()
             best[2] = std::fmin(best[2], map + voxels);
         }
         std::printf("fit, step %d  %12.4f %12.4f %12.4f\n", step, 1e3 * best[0], 1e3 * best[1], 1e3 * best[2]);
+        figure("fit, step " + std::to_string(step), 1e6 * best[2], "us");
         pliant_warp_free(warp);
     }
     pliant_mesh_free(&mesh);

@@ -10,6 +10,7 @@
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
 #include "backend/backend.h"
 #include "displacement.h"
+#include "figure.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
 
@@ -186,6 +187,9 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
     std::printf("%4d x %3d x %3d, %7d tetrahedra: cull %7.4f  rasterize %7.4f  both %7.4f ms | texture %7.4f ms: x %5.2f, both x %5.2f | to the host %6.3f, bare copy %6.3f ms\n",
                 size[0], size[1], size[2], mesh.num_tets, median(cull), median(rasterize), median(both), limit.sample, median(rasterize) / limit.sample,
                 median(both) / limit.sample, median(fetch), limit.copy);
+    char name[80];
+    std::snprintf(name, sizeof name, "cull and rasterize, %d x %d x %d", size[0], size[1], size[2]);
+    figure(name, 1e3 * median(both), "us");
     bench_pick(warp, &mesh, states[(runs + 4) % 2].data(), extent, runs);
     pliant_warp_free(warp);
     pliant_mesh_free(&mesh);
@@ -317,6 +321,9 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
                 std::printf("    budget %2d: worst frame %6.2f %%, %4.1f evaluations | frame %6.3f ms (p99 %6.3f), solve %6.3f | with the copy %6.3f (p99 %6.3f) | no volume %6.3f (p99 %6.3f)\n",
                             budgets[b], 100 * worst_error(fast, exact[d]), fast.iterations, median(fast.frame), percentile(fast.frame, 0.99), median(fast.solve),
                             median(copied.frame), percentile(copied.frame, 0.99), median(forces[d][b].frame), percentile(forces[d][b].frame, 0.99));
+                const std::string file = std::strrchr(scene_path, '/') ? std::strrchr(scene_path, '/') + 1 : scene_path;
+                const std::string size = std::to_string(model->body->fine.num_tets) + " tetrahedra";
+                if (budgets[b] == 3) figure("frame, " + file + ", " + size + ", " + (d == 0 ? "displacement" : "force"), 1e3 * median(fast.frame), "us");
             }
         }
         pliant_data_free(data);

@@ -5,6 +5,7 @@
 #include "../../cuda/overlaps.h"
 #include "../../cuda/tissue.h"
 #include "contact/grid.h"
+#include "figure.h"
 #include "pliant/memory.h"
 #include "rolled.h"
 
@@ -61,6 +62,7 @@ bool measure(int32_t cells, int runs)
         same = same && equal;
         std::printf("%d tetrahedra, %d in the grid, %d pairs overlap, %s as on the CPU: %.4f ms (median of %zu with what waits for it; least %.4f)\n",
                     block.mesh.num_tets, listed, count, equal ? "the same" : "NOT THE SAME", ms[ms.size() / 2], ms.size(), ms[0]);
+        figure("overlaps, " + std::to_string(listed) + " of " + std::to_string(block.mesh.num_tets), 1e3 * ms[ms.size() / 2], "us");
         gpu_overlaps_free(overlaps);
         pliant_grid_free(&grid);
     }
@@ -99,6 +101,7 @@ bool measure_stage(int32_t cells, int runs)
         pliant_free(found.point);
     }
     std::printf("%d tetrahedra, the whole search: %d points, %.4f ms; one thread of the CPU %d points, %.3f ms\n", tets, points[1], median[1], points[0], median[0]);
+    figure("self-contact search, " + std::to_string(tets), 1e3 * median[1], "us");
     pliant_body_release(body);
     return points[0] == points[1];
 }

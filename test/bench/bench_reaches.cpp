@@ -2,6 +2,8 @@
 // 256 x 160 x 122, coarse cells 7 x 7 x 7, against what is asked for. Runs some minutes; needs a machine with nothing else to do.
 //
 //   bench_reaches [DATA-FOLDER [ratio ...]]     default: the folder of the tests, ratios 2 and 4
+//   bench_reaches frame [DATA-FOLDER]           one frame of each pull at ratio 2, on one thread, over a fixed kernel
+#include "figure.h"
 #include "frames.h"
 
 namespace {
@@ -74,15 +76,40 @@ void let_bone_deform(Inputs &inputs, bool deform)
         if (std::strcmp(inputs.materials.materials[m].name, "bone") == 0) inputs.materials.materials[m].fixed = !deform;
 }
 
+// Each pull is timed in turn with the kernel, three times; the least ratio of the median frame counts.
+void bench_frame(Inputs &inputs)
+{
+    inputs.scene.solver.threads = 1;
+    pliant_model *model = build(inputs, 100, 1e-3, 0);
+    Frames pulled;
+    for (int kind : {DISPLACEMENT, FORCE}) {
+        double least = INFINITY;
+        for (int round = 0; round < 3; round++) {
+            const double kernel = fixed_kernel_seconds();
+            Frames frames = run(model, liver, Kind(kind), &pulled, false);
+            least = std::min(least, quantile(frames.solve, 0.5) / kernel);
+            if (kind == DISPLACEMENT) pulled = frames;
+        }
+        figure(std::string("frame, abdomen, ") + kind_names[kind], least, "fixed kernels");
+    }
+    pliant_model_free(model);
+}
+
 } // namespace
 
 int main(int argc, char **argv)
 {
+    const bool frame = argc > 1 && std::strcmp(argv[1], "frame") == 0;
+    if (frame) argc--, argv++;
     std::vector<int> ratios;
     for (int a = 2; a < argc; a++) ratios.push_back(std::atoi(argv[a]));
     if (ratios.empty()) ratios = {2, 4};
     Inputs inputs;
     inputs.read(inputs.set_abdomen(argc > 1 ? argv[1] : PLIANT_TEST_DATA));
+    if (frame) {
+        bench_frame(inputs);
+        return 0;
+    }
     for (int ratio : ratios) {
         inputs.scene.mesh.ratio = ratio;
         const bool large = ratio > 2;

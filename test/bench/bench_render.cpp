@@ -1,6 +1,7 @@
 // What a picture takes, on the GPU where there is one and on the CPU, whose bits must be the same.
 //
 //   bench_render [SCAN [cpu]]     640 x 480 from three sides, by value and by label, and a radiograph; cpu: no GPU
+#include "figure.h"
 #include "pliant/pliant.h"
 
 #include <algorithm>
@@ -123,6 +124,7 @@ int main(int argc, char **argv)
                     std::printf("; beside the CPU: %d grey levels, %g m, %d labels or outlines, %g of a line integral", grey, apart, other, line);
                 }
                 std::printf("\n");
+                if (backend == PLIANT_CUDA) figure("picture " + std::to_string(picture) + ", " + what, 1e3 * seen.ms, "us");
                 picture++;
             }
         pliant_view_free(view);

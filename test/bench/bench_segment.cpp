@@ -1,6 +1,7 @@
 // Segmentation by a mixture: seconds, classes, and how well each labelled organ is met by one piece and by all pieces of one class (Dice).
 //   bench_segment [SCAN LABELS] [classes = 0] [coherence = 1]          on the CPU; without SCAN: the phantom at 256 x 160 x 122
 //   bench_segment cuda [SCAN]                                          on the GPU, and how many voxels have another label than the CPU's
+#include "figure.h"
 #include "pliant/pliant.h"
 
 #include <algorithm>
@@ -38,6 +39,7 @@ static int bench_gpu(const char *path)
     std::printf("%d x %d x %d: %.1f ms on the GPU (the fastest of 6, from and to the host's memory), %.0f ms on the CPU, %d threads; %d classes, %d pieces; %zu voxels differ\n",
                 scan.geometry.size[0], scan.geometry.size[1], scan.geometry.size[2], 1e3 * best, 1e3 * seconds, options.num_threads, gpu.num_classes, gpu.num_pieces,
                 different);
+    figure("segment, " + std::to_string(voxels) + " voxels", 1e6 * best, "us");
     return 0;
 }
 

@@ -1,7 +1,9 @@
 // Microseconds a sub-step of explicit dynamics, by law and options.
 //   bench_tled [cells along an edge = 14] [seconds a row = 0.5]     on the CPU, by threads, on cubes of 5 n^3 tetrahedra
 //   bench_tled cuda [seconds a row = 0.5]                           on the GPU, by size; without and with a tool that pulls
+//   bench_tled frame                                                on one thread, 13,720 tetrahedra, over a fixed kernel
 #include "../pipeline/body.h"
+#include "figure.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -13,7 +15,7 @@ namespace {
 struct Choice {
     const char *name;
     pliant_law law;
-    bool viscous, nodal, still, pulled;
+    bool viscous, nodal, still, pulled, cubes, wall;
 };
 
 struct Setting {
@@ -41,6 +43,11 @@ double seconds_a_step(const Choice &choice, const Setting &setting, double budge
     body.cells(setting.cells[0], setting.cells[1], setting.cells[2], 1);
     body.fix_plane(0, 0, 0.001, 0, 0, 1);
     body.scene.solver.kind = PLIANT_TLED;
+    if (choice.cubes) body.scene.element.kind = PLIANT_HEXAHEDRA;
+    if (choice.wall) { // far below
+        body.scene.ground.normal[2] = 1;
+        body.scene.ground.point[2] = -1;
+    }
     body.scene.solver.backend = setting.backend;
     body.scene.solver.threads = setting.threads;
     body.scene.solver.step = setting.step;
@@ -69,13 +76,15 @@ double seconds_a_step(const Choice &choice, const Setting &setting, double budge
 }
 
 const Choice choices[] = {
-    {"neo_hookean", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false},
-    {"compressible", PLIANT_LAW_COMPRESSIBLE, false, false, false, false},
-    {"saint_venant_kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, false, false, false, false},
-    {"neo_hookean, one Prony term", PLIANT_LAW_NEO_HOOKEAN, true, false, false, false},
-    {"neo_hookean, nodal pressure", PLIANT_LAW_NEO_HOOKEAN, false, true, false, false},
-    {"neo_hookean, a tool", PLIANT_LAW_NEO_HOOKEAN, false, false, false, true},
-    {"neo_hookean, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false},
+    {"neo_hookean", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, false, false},
+    {"compressible", PLIANT_LAW_COMPRESSIBLE, false, false, false, false, false, false},
+    {"saint_venant_kirchhoff", PLIANT_LAW_SAINT_VENANT_KIRCHHOFF, false, false, false, false, false, false},
+    {"neo_hookean, one Prony term", PLIANT_LAW_NEO_HOOKEAN, true, false, false, false, false, false},
+    {"neo_hookean, nodal pressure", PLIANT_LAW_NEO_HOOKEAN, false, true, false, false, false, false},
+    {"neo_hookean, a tool", PLIANT_LAW_NEO_HOOKEAN, false, false, false, true, false, false},
+    {"neo_hookean, relaxation", PLIANT_LAW_NEO_HOOKEAN, false, false, true, false, false, false},
+    {"neo_hookean, a wall", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, false, true},
+    {"neo_hookean, hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, true, false},
 };
 
 // the whole of a frame, over its sub-steps: what goes up and comes down is in it
@@ -92,7 +101,22 @@ void bench_gpu(double budget)
                 double seconds = seconds_a_step(choice, {{size[0], size[1], size[2]}, 2, PLIANT_CUDA, step}, budget, &tets, &substeps);
                 std::printf("%-30s %10d %9d %12.2f %18.3g\n", choice.name, tets, substeps, 1e6 * seconds, tets / seconds);
                 std::fflush(stdout);
+                if (step == 1.0) figure(std::string("sub-step, ") + choice.name + ", " + std::to_string(tets), 1e6 * seconds, "us");
             }
+}
+
+// Each law's sub-step is timed in turn with the kernel, three times; the least ratio counts.
+void bench_frame()
+{
+    for (const Choice &choice : choices) {
+        double least = INFINITY;
+        for (int round = 0; round < 3; round++) {
+            int tets, substeps;
+            const double kernel = fixed_kernel_seconds();
+            least = std::min(least, seconds_a_step(choice, {{14, 14, 14}, 1, PLIANT_CPU, 0.2}, 0.3, &tets, &substeps) / kernel);
+        }
+        figure(std::string("sub-step, ") + choice.name, least, "fixed kernels");
+    }
 }
 
 } // namespace
@@ -101,6 +125,10 @@ int main(int argc, char **argv)
 {
     if (argc > 1 && std::string(argv[1]) == "cuda") {
         bench_gpu(argc > 2 ? std::atof(argv[2]) : 0.5);
+        return 0;
+    }
+    if (argc > 1 && std::string(argv[1]) == "frame") {
+        bench_frame();
         return 0;
     }
     int cells = argc > 1 ? std::atoi(argv[1]) : 14;
