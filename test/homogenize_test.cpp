@@ -1,4 +1,5 @@
 // Homogenized stiffness of coarse tetrahedra: positive semidefinite, or refused with a message.
+#include "fem/coarse/shaped.h"
 #include "fem/coarse/submesh.h"
 #include "pipeline/body.h"
 #include "pliant/memory.h"
@@ -6,6 +7,7 @@
 #include <Eigen/Dense>
 
 #include <algorithm>
+#include <random>
 #include <string>
 
 namespace {
@@ -118,6 +120,74 @@ TEST(Homogenize, AnIndefiniteElementIsRefused)
         EXPECT_NE(message.find("positive semidefinite"), std::string::npos) << message;
         pliant_system_clear(&system);
     }
+}
+
+// [H] 11: the derivative of a fine node's position by a corner's, with the rotation kept, is R N_v R'.
+TEST(Homogenize, TheWeightOfACornerIsTheDerivativeOfAPosition)
+{
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    Eigen::Matrix<double, 3, 12, Eigen::RowMajor> shape; // rigid motions pass through it: blocks of corners add up to one
+    shape.setZero();
+    for (int v = 0; v < 4; v++)
+        for (int m = 0; m < 9 && v < 3; m++) shape(m / 3, 3 * v + m % 3) = unit(random);
+    shape.block<3, 3>(0, 9) = Eigen::Matrix3d::Identity() - shape.block<3, 3>(0, 0) - shape.block<3, 3>(0, 3) - shape.block<3, 3>(0, 6);
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> turn = Eigen::AngleAxisd(0.8, Eigen::Vector3d(1, 2, -3).normalized()).toRotationMatrix();
+    double x[12], rest[12], gradients[12] = {}, f[9];
+    const double node[3] = {0.2, -0.4, 0.7};
+    for (int m = 0; m < 12; m++) rest[m] = unit(random), x[m] = unit(random);
+    const auto position = [&] {
+        pliant_shaped_frame frame;
+        pliant_shaped_place(x, rest, gradients, f, &frame);
+        std::copy(turn.data(), turn.data() + 9, frame.rotation);
+        Eigen::Vector3d out;
+        pliant_shaped_position(&frame, x, rest, shape.data(), node, out.data());
+        return out;
+    };
+    const double step = 1e-3; // positions are linear in the corners
+    for (int v = 0; v < 4; v++) {
+        double weight[9];
+        pliant_shaped_weight(turn.data(), shape.data(), 4, v, weight);
+        for (int d = 0; d < 3; d++) {
+            const Eigen::Vector3d before = position();
+            x[3 * v + d] += step;
+            const Eigen::Vector3d slope = (position() - before) / step;
+            x[3 * v + d] -= step;
+            for (int r = 0; r < 3; r++) EXPECT_NEAR(weight[3 * r + d], slope[r], 1e-10) << "corner " << v;
+        }
+    }
+}
+
+// [H] 2.3: a fine node that several elements move has shares in inverse proportion to the distances from their centers.
+TEST(Homogenize, SharesAreInverseDistances)
+{
+    Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
+    prepare(body, PLIANT_SCHUR);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_system &system = *body.model->system;
+    ASSERT_TRUE(system.upsample && system.upsample->start);
+    const pliant_upsample &upsample = *system.upsample;
+    const pliant_mesh &fine = body.model->body->fine;
+    int shared = 0;
+    for (int32_t n = 0; n < fine.num_nodes; n++) {
+        std::vector<double> distance;
+        double sum = 0, whole = 0;
+        for (int32_t e = upsample.start[n]; e < upsample.start[n + 1]; e++) {
+            double center[3] = {0, 0, 0};
+            for (int v = 0; v < 12; v++) center[v % 3] += system.mesh->rest[3 * system.mesh->tets[4 * upsample.entry_element[e] + v / 3] + v % 3] / 4;
+            const double apart = std::hypot(std::hypot(fine.rest[3 * n] - center[0], fine.rest[3 * n + 1] - center[1]), fine.rest[3 * n + 2] - center[2]);
+            distance.push_back(std::fmax(apart, 1e-3 * fine.cell_size[0])); // a node may be at a center
+            sum += 1 / distance.back();
+            whole += upsample.entry_share[e];
+        }
+        if (distance.empty()) continue;
+        EXPECT_NEAR(whole, 1, 1e-12);
+        for (size_t e = 0; e < distance.size(); e++) {
+            EXPECT_NEAR(upsample.entry_share[static_cast<size_t>(upsample.start[n]) + e], 1 / distance[e] / sum, 1e-12) << "node " << n;
+            shared += std::fabs(distance[e] - distance[0]) > 1e-3;
+        }
+    }
+    EXPECT_GT(shared, 50);
 }
 
 } // namespace

@@ -211,6 +211,31 @@ TEST(Radiograph, BoxAndBallOfWater)
         }
 }
 
+// A slab of water, wider than the cone of rays: each ray passes through thickness / cos, whatever the slice spacing.
+TEST(Radiograph, ASlabIsAsLongAsTheRayIsOblique)
+{
+    const double thickness = 0.04, water = 20;
+    for (double slice : {0.002, 0.005}) {
+        pliant_geometry geometry = cube(121, 0.002);
+        geometry.size[2] = int32_t(std::lrint(0.16 / slice)) + 1;
+        geometry.spacing[2] = slice;
+        geometry.origin[2] = -0.08;
+        const volume_ptr slab = volume_of(geometry, PLIANT_FLOAT32, [&](const vector3 &x) {
+            return -1000 + 1000 * std::min(std::max((0.5 * thickness - std::abs(x[2])) / slice + 0.5, 0.0), 1.0);
+        });
+        for (double angle : {0.0, 0.4}) {
+            const pliant_camera camera = camera_at(31, 31, 1.0, {0.12 * std::sin(angle), 1e-6, 0.12 * std::cos(angle)}, {0, 0, 0});
+            std::vector<float> image(31 * 31);
+            ASSERT_EQ(pliant_radiograph(slab.get(), &camera, water, 2, image.data()), PLIANT_OK) << pliant_last_error();
+            for (int pixel : {15 * 31 + 15, 15 * 31 + 27, 3 * 31 + 15, 4 * 31 + 4, 26 * 31 + 26}) {
+                const vector3 ray = ray_of(camera, pixel % 31, pixel / 31);
+                const double expected = water * thickness * length(ray) / std::abs(ray[2]);
+                EXPECT_NEAR(image[size_t(pixel)], expected, 0.005 * expected) << "slices " << slice << ", angle " << angle << ", pixel " << pixel;
+            }
+        }
+    }
+}
+
 TEST(Radiograph, LeftIsOnTheRightAndTheHeadUp)
 {
     const vector3 bead = {0.02, 0.01, 0.015}; // left, behind, towards the head

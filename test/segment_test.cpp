@@ -67,6 +67,26 @@ TEST(Segment, FindsTheMixtureThatWasMixed)
     }
 }
 
+// BIC of k Gaussians on n samples, each 64 voxels, with the mean log likelihood L:  -2 n L + (3 k - 1) ln n. 6400 voxels are 100 samples.
+TEST(Segment, TheCriterionIsBic)
+{
+    segment_histogram histogram{};
+    histogram.total = 6400;
+    segment_fits fits{};
+    fits.likelihood[0] = -3;
+    const double by_hand = 600 + 2 * std::log(100.0); // 609.21
+    const double penalty = 3 * std::log(100.0) / 200; // what another class must gain in L
+    for (double gain : {0.99 * penalty, 1.01 * penalty}) {
+        fits.likelihood[1] = -3 + gain;
+        pliant_segment_options options = usual();
+        options.most_classes = 2;
+        pliant_segment_class classes[PLIANT_MAX_CLASSES];
+        double criterion = 0;
+        EXPECT_EQ(segment_best(&histogram, &options, &fits, classes, &criterion), gain > penalty ? 2 : 1);
+        EXPECT_NEAR(criterion, gain > penalty ? 600 - 200 * gain + 5 * std::log(100.0) : by_hand, 1e-9);
+    }
+}
+
 TEST(Segment, NeighboursOvercomeNoise)
 {
     Scan scan(48, 24, 24);

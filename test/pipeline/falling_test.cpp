@@ -1,7 +1,6 @@
 // Pieces that a cut takes off what is fixed: they fall, land, hang on tools, and leave the rest of the body alone.
 #include "body.h"
-#include "fem/falling/falling.h"
-#include "fem/falling/rigid.h"
+#include "fem/falling/pieces.h"
 #include "pliant/memory.h"
 #include "state/data.h"
 
@@ -186,6 +185,25 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
     EXPECT_LT(bent, 0.01 * narrow);
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed, dynamic), name_of);
+
+// A brick of 4 x 4 x 8 cm: m / 12 (b^2 + c^2). Masses at nodes of cubes of 1 cm add up to a sixth of a cube's side squared for each axis.
+TEST(Falling, APieceHasTheInertiaOfABrick)
+{
+    std::unique_ptr<Body> body = hang(direct);
+    body->scene.model.gravity[2] = 0;
+    ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
+    cut(*body, 0.08);
+    ASSERT_TRUE(body->data->falling);
+    pliant_rigid piece;
+    pliant_falling_rigid(body->data->falling, 0, &piece);
+    EXPECT_NEAR(piece.mass, 0.128, 0.005 * 0.128);
+    const double side[3] = {0.04, 0.04, 0.08}, cube = 0.01;
+    for (int axis = 0; axis < 3; axis++) {
+        const double b = side[(axis + 1) % 3], c = side[(axis + 2) % 3];
+        const double expected = piece.mass / 12 * (b * b + c * c + 4 * cube * cube);
+        EXPECT_NEAR(piece.inertia[4 * axis], expected, 0.02 * expected) << "axis " << axis;
+    }
+}
 
 TEST_P(EveryMethod, ItLandsAndRests)
 {

@@ -74,6 +74,43 @@ TEST(Rigid, KeepsMomentumAndEnergyInFlight)
     EXPECT_NEAR(body.centre[2], -0.5 * g * 100, 1e-9);
 }
 
+// About a principal axis the spin is L / J, and stays.
+TEST(Rigid, TurnsAtItsMomentumOverItsInertia)
+{
+    const double none[3] = {0, 0, 0}, side[3] = {0.02, 0.04, 0.1}, momentum = 3e-5, time = 1e-3;
+    const pliant_rigid_walls no_walls{};
+    for (int axis = 0; axis < 3; axis++) {
+        pliant_rigid body = brick(side[0], side[1], side[2]);
+        body.momentum[axis] = momentum;
+        const double a = side[(axis + 1) % 3], b = side[(axis + 2) % 3], rate = momentum / (0.1 / 12 * (a * a + b * b));
+        double spin[3];
+        pliant_rigid_spin(&body, spin);
+        EXPECT_NEAR(spin[axis], rate, 1e-6 * rate);
+        ASSERT_FALSE(pliant_rigid_step(&body, none, time, 0, nullptr, &no_walls));
+        EXPECT_NEAR(body.rotation[3 * ((axis + 2) % 3) + (axis + 1) % 3], std::sin(rate * time), 1e-6 * rate * time);
+    }
+}
+
+// A force F at an arm r for a short time t gives the velocity F t / m and the spin J^-1 (r x F) t.
+TEST(Rigid, AnImpulseTurnsItByTheLeverOverTheInertia)
+{
+    const double none[3] = {0, 0, 0}, time = 1e-4, force = 2;
+    const pliant_rigid_walls no_walls{};
+    pliant_rigid body = brick(0.02, 0.04, 0.1);
+    pliant_rigid_pull pull{};
+    pull.given = true;
+    pull.arm[2] = 0.05;
+    pull.force[1] = force;
+    ASSERT_FALSE(pliant_rigid_step(&body, none, time, 1, &pull, &no_walls));
+    const double kept = std::exp(-5 * time), inertia = 0.1 / 12 * (0.04 * 0.04 + 0.1 * 0.1); // the drag of what is pulled
+    EXPECT_NEAR(body.velocity[1], kept * force * time / 0.1, 1e-9);
+    std::vector<double> no_arms;
+    turn_inertia(body, no_arms);
+    double spin[3];
+    pliant_rigid_spin(&body, spin);
+    EXPECT_NEAR(spin[0], -kept * 0.05 * force * time / inertia, 1e-3 * 0.05 * force * time / inertia);
+}
+
 // on a plane, on an edge, in a corner of walls: energy never rises, and it comes to lie
 TEST(Rigid, EnergyNeverRisesOnWalls)
 {
