@@ -1,4 +1,4 @@
-// Explicit dynamics that goes on in the next body: momentum, energies and what has relaxed go over, the sub-step is found anew.
+// Explicit dynamics continues with the next body: momentum, energies and relaxed stress are kept, the sub-step is recomputed.
 #include "fem/dynamics/tled_cubes.h"
 #include "cuts.h"
 
@@ -279,8 +279,10 @@ TEST_P(EveryLaw, SmallerTetrahedraTakeNoMomentumAndGiveNoEnergy)
 }
 INSTANTIATE_TEST_SUITE_P(Laws, EveryLaw, testing::Values(PLIANT_LAW_NEO_HOOKEAN, PLIANT_LAW_COMPRESSIBLE, PLIANT_LAW_SAINT_VENANT_KIRCHHOFF));
 
-// Blades through a bar of two tissues that swings. Tetrahedra and what is left of hexahedra where a blade passes between their corners go on as they
-// are; of other hexahedra tetrahedra come, which are stiffer, and what that costs is taken from the motion.
+// A cut takes at most this part of the kinetic energy.
+const double largest_loss = 1e-3;
+
+// A blade's strokes through a swinging bar of two tissues. Some hexahedra become tetrahedra, which are stiffer and have their mass elsewhere.
 struct Strokes : testing::TestWithParam<std::tuple<pliant_element_kind, int, double>> {};
 TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
 {
@@ -306,8 +308,8 @@ TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
         const pliant_dynamics after = bar.dynamics();
         expect_same(momentum, bar.momentum());
         EXPECT_LE(after.strain_energy + after.kinetic_energy, (before.strain_energy + before.kinetic_energy) * (1 + 1e-9)) << "stroke " << stroke;
-        EXPECT_LE(after.strain_energy, before.strain_energy * (kind == PLIANT_LINEAR ? 1.0005 : 1.03)) << "stroke " << stroke;
-        EXPECT_GE(after.kinetic_energy, 0.85 * before.kinetic_energy) << "stroke " << stroke;
+        EXPECT_LE(after.strain_energy, before.strain_energy * (kind == PLIANT_LINEAR ? 1.0005 : 1.002)) << "stroke " << stroke;
+        EXPECT_GE(after.kinetic_energy, (1 - largest_loss) * before.kinetic_energy) << "stroke " << stroke;
         EXPECT_EQ(after.substeps, start.substeps);
         pliant_body alone = *bar.data->body; // what its elements themselves allow
         alone.voxels = nullptr;
@@ -325,5 +327,165 @@ TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
 }
 INSTANTIATE_TEST_SUITE_P(Meshes, Strokes,
                          testing::Combine(testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA), testing::Values(4, 8), testing::Values(0.0, 0.3)));
+
+// A swinging bar of two tissues, whose upper half is cut off into two pieces that fall.
+struct Pieces : Swinging {
+    static constexpr double lower = 0.125, upper = 0.185;
+    explicit Pieces(pliant_element_kind kind, int cells_across = 4)
+        : Swinging({{4000, 0.45, 1000, false}, {20000, 0.45, 1100, false}}, [](int i, int j, int k) { return (i / 4 + j / 4 + k / 4) % 3 == 0; }, 0.08, 16)
+    {
+        cells(cells_across, cells_across, 3 * cells_across, 1);
+        scene.element.kind = kind;
+        scene.cut.kind = PLIANT_CUT_SEVER;
+    }
+    void begin()
+    {
+        ASSERT_EQ(build(), PLIANT_OK) << pliant_last_error();
+        swing(10);
+        for (double height : {lower, upper}) {
+            const double point[3] = {0.04, 0.04, height}, normal[3] = {0.1, 0, 1};
+            std::vector<double> from, to;
+            Cuttable::plane(point, normal, 1, from, to);
+            const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
+            pliant_body *next = nullptr;
+            ASSERT_EQ(pliant_body_cut(data->body, data->last_revision + 1, data->positions, &sweep, &next, nullptr), PLIANT_OK) << pliant_last_error();
+            ASSERT_TRUE(next);
+            take(next);
+        }
+        ASSERT_EQ(data->body->pieces->count, 2);
+        swing(4);
+    }
+    // (nodes) a number for each connected component
+    std::vector<int32_t> components() const
+    {
+        const pliant_mesh &mesh = data->body->fine;
+        std::vector<int32_t> part(static_cast<size_t>(mesh.num_nodes));
+        std::iota(part.begin(), part.end(), 0);
+        const auto first = [&](int32_t n) {
+            while (part[n] != n) n = part[n] = part[part[n]];
+            return n;
+        };
+        for (int32_t v = 0; v < 4 * mesh.num_tets; v++) part[first(mesh.tets[v])] = first(mesh.tets[v / 4 * 4]);
+        for (int32_t n = 0; n < mesh.num_nodes; n++) part[n] = first(n);
+        return part;
+    }
+    // of each component: momentum, angular momentum about the origin, and what their terms add up to
+    std::map<int32_t, std::array<double, 8>> momenta(const std::vector<int32_t> &component) const
+    {
+        std::map<int32_t, std::array<double, 8>> out;
+        const pliant_tled &tled = *data->tled;
+        for (int32_t n = 0; n < tled.system->mesh->num_nodes; n++) {
+            if (tled.inverse_mass[n] == 0) continue;
+            std::array<double, 8> &sum = out[component[n]];
+            const double *rest = tled.system->mesh->rest + 3 * n, *u = tled.u + 3 * n, *moved = tled.d + 3 * n, mass = tled.system->node_mass[n] / tled.time_step;
+            double x[3], speed = std::hypot(std::hypot(moved[0], moved[1]), moved[2]);
+            for (int d = 0; d < 3; d++) x[d] = rest[d] + u[d];
+            for (int d = 0; d < 3; d++) {
+                sum[d] += mass * moved[d];
+                sum[3 + d] += mass * (x[(d + 1) % 3] * moved[(d + 2) % 3] - x[(d + 2) % 3] * moved[(d + 1) % 3]);
+            }
+            sum[6] += mass * speed;
+            sum[7] += mass * speed * std::hypot(std::hypot(x[0], x[1]), x[2]);
+        }
+        return out;
+    }
+};
+constexpr double Pieces::lower, Pieces::upper;
+
+TEST(TledCarry, EveryComponentKeepsItsMomentum)
+{
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Pieces bar(kind);
+        bar.begin();
+        std::mt19937 random(5);
+        int touched = 0;
+        for (int stroke = 0; stroke < 15; stroke++) {
+            pliant_body *next = nullptr;
+            if (!bar.stroke(random, 0.03, &next)) continue;
+            std::vector<int32_t> component = bar.components();
+            const auto before = bar.momenta(component);
+            const int32_t nodes = bar.data->body->fine.num_nodes;
+            const pliant_dynamics was = bar.dynamics();
+            bar.take(next);
+            for (int32_t n = nodes; n < next->fine.num_nodes; n++) component.push_back(component[static_cast<size_t>(next->changes.node_source[n - nodes])]);
+            touched += next->fine.num_nodes > nodes;
+            const auto after = bar.momenta(component);
+            ASSERT_GE(before.size(), 3u);
+            for (const auto &each : before)
+                for (int d = 0; d < 6; d++) EXPECT_NEAR(after.at(each.first)[d], each.second[d], 1e-12 * each.second[6 + d / 3]) << "stroke " << stroke << ", " << d;
+            const pliant_dynamics is = bar.dynamics();
+            EXPECT_LE(is.strain_energy + is.kinetic_energy, (was.strain_energy + was.kinetic_energy) * (1 + 1e-9)) << "stroke " << stroke;
+            EXPECT_GE(is.kinetic_energy, (1 - largest_loss) * was.kinetic_energy) << "stroke " << stroke;
+            bar.swing(2);
+        }
+        EXPECT_GT(touched, 8);
+    }
+}
+
+// Ten cuts below falling pieces: their state is bitwise identical to that without cuts.
+TEST(TledCarry, CutsElsewhereLeaveAFallingPieceAsItIs)
+{
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
+        Pieces bar(kind), other(kind);
+        bar.begin();
+        other.begin();
+        const pliant_mesh &mesh = other.data->body->fine;
+        std::vector<int32_t> piece;
+        const pliant_pieces &pieces = *other.data->body->pieces;
+        for (int32_t i = 0; i < pieces.start[pieces.count]; i++) piece.push_back(pieces.node[i]);
+        ASSERT_GT(static_cast<int>(piece.size()), mesh.num_nodes / 4);
+        std::mt19937 random(4);
+        std::uniform_real_distribution<double> unit(-1, 1);
+        int taken = 0;
+        for (int stroke = 0; stroke < 10; stroke++) {
+            const double point[3] = {0.04 + 0.04 * unit(random), 0.04 + 0.04 * unit(random), 0.05 + 0.03 * unit(random)}, normal[3] = {unit(random), unit(random), 1};
+            std::vector<double> from, to;
+            Cuttable::plane(point, normal, 0.03, from, to);
+            const pliant_cut_sweep sweep{2, from.data(), to.data(), nullptr};
+            pliant_body *next = nullptr;
+            ASSERT_EQ(pliant_body_cut(bar.data->body, bar.data->last_revision + 1, bar.data->positions, &sweep, &next, nullptr), PLIANT_OK) << pliant_last_error();
+            if (!next) continue;
+            taken++;
+            bar.take(next);
+            bar.swing(2);
+            other.swing(2);
+            for (int32_t n : piece)
+                for (int d = 0; d < 3; d++) {
+                    ASSERT_EQ(bar.data->tled->u[3 * n + d], other.data->tled->u[3 * n + d]) << "stroke " << stroke << ", node " << n;
+                    ASSERT_EQ(bar.data->tled->d[3 * n + d], other.data->tled->d[3 * n + d]) << "stroke " << stroke << ", node " << n;
+                }
+        }
+        EXPECT_GT(taken, 6);
+    }
+}
+
+// Without motion there is no kinetic energy to take.
+TEST(TledCarry, ABodyAtRestGainsNoEnergy)
+{
+    for (int cells : {4, 8}) {
+        Pieces bar(PLIANT_HEXAHEDRA, cells);
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        bar.swing(20);
+        std::mt19937 random(3);
+        int taken = 0;
+        for (int stroke = 0; stroke < 12; stroke++) {
+            pliant_body *next = nullptr;
+            if (!bar.stroke(random, 0.024, &next)) continue;
+            pliant_tled_stop_motion(bar.data->tled);
+            const double before = bar.dynamics().strain_energy;
+            const int32_t nodes = bar.data->body->fine.num_nodes;
+            const std::vector<double> u(bar.data->tled->u, bar.data->tled->u + 3 * nodes);
+            bar.take(next);
+            EXPECT_EQ(bar.dynamics().kinetic_energy, 0);
+            EXPECT_LE(bar.dynamics().strain_energy, before * (1 + 1e-9)) << "stroke " << stroke;
+            double farthest = 0;
+            for (int32_t n = 0; n < 3 * nodes; n++) farthest = std::fmax(farthest, std::fabs(bar.data->tled->u[n] - u[static_cast<size_t>(n)]));
+            EXPECT_LT(farthest, 0.1 * 0.08 / cells) << "stroke " << stroke;
+            taken++;
+            bar.swing(10);
+        }
+        EXPECT_GT(taken, 5);
+    }
+}
 
 } // namespace

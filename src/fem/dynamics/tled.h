@@ -171,8 +171,10 @@ void pliant_tled_stop(pliant_tled *tled, int32_t count, const int32_t *nodes);
 /* ---- tled_carry.c */
 /* The state of one for the body before: displacements, velocities, what has relaxed, limits. Tools are not. */
 void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_body_map *map);
-/* After that, where the body is the next of the one before, by a cut: momentum and angular momentum stay, and strain and kinetic energy together do not
- * rise while there is motion to take it from. Errors: MEMORY. */
+
+/* ---- tled_conserve.c */
+/* Correct the carried state after a cut. Each component keeps its momentum and angular momentum. Strain and kinetic energy together do not rise.
+ * Components that the cut does not touch keep every bit. Errors: MEMORY. */
 pliant_status pliant_tled_conserve(pliant_tled *tled, const pliant_tled *from, const pliant_body *before, const pliant_body *body);
 
 /* ---- tled_cubes.c */
@@ -243,8 +245,12 @@ void pliant_tled_interact(pliant_tled *tled, const double gravity[3], pliant_too
 /* Kinetic energy, of half a step ago, strain energy, and what central differences keep of both [J], in double; of elastic tissue without
  * nodal pressure. */
 void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept);
-/* of the elements in these cells. cell: (pliant_count_cells) */
-double pliant_tled_strain_energy(const pliant_tled *tled, const pliant_tet_material *material, const uint8_t *cell);
+/* The element of an index below the count: the number t of a tetrahedron, or ~c of the hexahedron c. */
+int32_t pliant_tled_element_count(const pliant_tled_system *system);
+int32_t pliant_tled_element(const pliant_tled_system *system, int32_t index);
+const int32_t *pliant_tled_element_nodes(const pliant_tled_system *system, int32_t element, int *corners);
+/* Strain energy of an element [J], and, Nullable, its elastic force on each of its corners [N]. */
+double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_material *material, int32_t element, double force[8][3]);
 
 #ifdef __cplusplus
 }

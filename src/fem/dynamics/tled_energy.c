@@ -62,61 +62,129 @@ static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, doub
     return energy;
 }
 
-static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t index, double *strain, double *before, double *work)
+/* State of an element, now or one increment ago. mode: hourglass modes of a hexahedron; force: gradient of their energy by all modes */
+typedef struct element_state {
+    double energy, f[9], stress[9], mode[8][3], force[8][3];
+} element_state;
+
+/* Constants of a hexahedron. bent: V mu over the square of its edge in smallest cells */
+typedef struct cube_constants {
+    double volume, lambda, mu, bent;
+} cube_constants;
+
+static cube_constants constants_of(const pliant_tled_system *system, const pliant_tet_material *material, int32_t index)
+{
+    const double finer = 1.0 / (system->cubes->size ? system->cubes->size[index] : 1);
+    cube_constants out;
+    double density;
+    out.volume = pliant_tled_cube_mean(system->mesh, system->cubes->cube + index, material, &out.lambda, &out.mu, &density);
+    out.bent = out.volume * out.mu * finer * finer;
+    return out;
+}
+
+static void cube_state(const pliant_tled *tled, const cube_constants *constants, int32_t index, double back, element_state *out)
 {
     const pliant_tled_system *system = tled->system;
-    const pliant_cube *cube = system->cubes->cube + index;
-    const double finer = 1.0 / (system->cubes->size ? system->cubes->size[index] : 1);
-    double volume[5], lambda[5], mu[5], g[12], f[2][9], stress[2][9], w[2][8][3], force[2][8][3], whole = 0, mean[2] = {0, 0};
-    for (int slot = 0; slot < 5; slot++) volume[slot] = pliant_mesh_gradients(system->mesh, cube->tet[slot], g);
-    pliant_cube_moduli(cube, volume, material, lambda, mu);
-    for (int slot = 0; slot < 5; slot++) {
-        whole += volume[slot];
-        mean[0] += volume[slot] * lambda[slot];
-        mean[1] += volume[slot] * mu[slot];
-    }
-    for (int back = 0; back < 2; back++) {
-        double *sum = back ? before : strain;
-        modes_of(tled, index, back, f[back], w[back]);
-        *sum += whole * pliant_law_response(system->law, mean[0] / whole, mean[1] / whole, f[back], stress[back]);
-        *sum += mean[1] * finer * finer * bending_energy(system->cubes, index, w[back], force[back]);
-    }
-    for (int m = 0; m < 9; m++) *work += whole * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
+    modes_of(tled, index, back, out->f, out->mode);
+    out->energy = constants->volume * pliant_law_response(system->law, constants->lambda, constants->mu, out->f, out->stress);
+    out->energy += constants->bent * bending_energy(system->cubes, index, out->mode, out->force);
+}
+
+static double tet_state(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double back, double g[12], element_state *out)
+{
+    const double volume = pliant_mesh_gradients(tled->system->mesh, tet, g);
+    deformation_of(tled, tled->system->mesh->tets + 4 * (size_t)tet, g, back, out->f);
+    out->energy = volume * pliant_law_response(tled->system->law, material[tet].lambda, material[tet].mu, out->f, out->stress);
+    return volume;
+}
+
+static void cube_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t index, double *strain, double *before, double *work)
+{
+    const cube_constants constants = constants_of(tled->system, material, index);
+    element_state now, was;
+    cube_state(tled, &constants, index, 0, &now);
+    cube_state(tled, &constants, index, 1, &was);
+    *strain += now.energy;
+    *before += was.energy;
+    for (int m = 0; m < 9; m++) *work += constants.volume * (now.stress[m] - was.stress[m]) * (now.f[m] - was.f[m]);
     for (int m = 0; m < 8; m++)
-        for (int r = 0; r < 3; r++) *work += mean[1] * finer * finer * (force[0][m][r] - force[1][m][r]) * (w[0][m][r] - w[1][m][r]);
+        for (int r = 0; r < 3; r++) *work += constants.bent * (now.force[m][r] - was.force[m][r]) * (now.mode[m][r] - was.mode[m][r]);
 }
 
 static void tet_energies(const pliant_tled *tled, const pliant_tet_material *material, int32_t tet, double *strain, double *before, double *work)
 {
-    const pliant_tled_system *system = tled->system;
-    double g[12], f[2][9], stress[2][9];
-    const double volume = pliant_mesh_gradients(system->mesh, tet, g);
-    for (int back = 0; back < 2; back++) {
-        deformation_of(tled, system->mesh->tets + 4 * (size_t)tet, g, back, f[back]);
-        *(back ? before : strain) += volume * pliant_law_response(system->law, material[tet].lambda, material[tet].mu, f[back], stress[back]);
-    }
-    for (int m = 0; m < 9; m++) *work += volume * (stress[0][m] - stress[1][m]) * (f[0][m] - f[1][m]);
+    double g[12];
+    element_state now, was;
+    const double volume = tet_state(tled, material, tet, 0, g, &now);
+    tet_state(tled, material, tet, 1, g, &was);
+    *strain += now.energy;
+    *before += was.energy;
+    for (int m = 0; m < 9; m++) *work += volume * (now.stress[m] - was.stress[m]) * (now.f[m] - was.f[m]);
 }
 
-/* Strain energies now and one increment ago, and the work of the change between. cell: Nullable: those to look at */
-static void strain_energies(const pliant_tled *tled, const pliant_tet_material *material, const uint8_t *cell, double *strain, double *before, double *work)
+/* minus the gradient of a hexahedron's energy */
+static void cube_force(const pliant_tled_cubes *cubes, const cube_constants *constants, int32_t index, const element_state *state, double force[8][3])
 {
-    const pliant_mesh *mesh = tled->system->mesh;
+    const double edge = cubes->size ? cubes->size[index] : 1;
+    for (int r = 0; r < 3; r++)
+        for (int v = 0; v < 8; v++) {
+            double slope = 0;
+            for (int m = 0; m < 8; m++) {
+                double sign = 1, along = constants->bent * state->force[m][r];
+                for (int d = 0; d < 3; d++) sign *= m >> d & 1 ? (v >> d & 1 ? 1 : -1) : 1;
+                for (int axis = 0; axis < 3; axis++)
+                    for (int c = 0; c < 3 && m == 1 << axis; c++)
+                        along += constants->volume * state->stress[3 * r + c] * (double)cubes->gradient[3 * axis + c] / edge;
+                slope += sign * along;
+            }
+            force[v][r] = -slope;
+        }
+}
+
+double pliant_tled_element_energy(const pliant_tled *tled, const pliant_tet_material *material, int32_t element, double force[8][3])
+{
+    element_state state;
+    if (element < 0) {
+        const cube_constants constants = constants_of(tled->system, material, ~element);
+        cube_state(tled, &constants, ~element, 0, &state);
+        if (force) cube_force(tled->system->cubes, &constants, ~element, &state, force);
+        return state.energy;
+    }
+    double g[12];
+    const double volume = tet_state(tled, material, element, 0, g, &state);
+    for (int v = 0; v < 4 && force; v++)
+        for (int r = 0; r < 3; r++) {
+            const double *p = state.stress + 3 * r;
+            force[v][r] = -volume * (p[0] * g[3 * v] + p[1] * g[3 * v + 1] + p[2] * g[3 * v + 2]);
+        }
+    return state.energy;
+}
+
+const int32_t *pliant_tled_element_nodes(const pliant_tled_system *system, int32_t element, int *corners)
+{
+    *corners = element < 0 ? 8 : 4;
+    return element < 0 ? system->cubes->cube[~element].node : system->mesh->tets + 4 * (size_t)element;
+}
+
+int32_t pliant_tled_element_count(const pliant_tled_system *system)
+{
+    return system->cubes ? system->cubes->num_tets + system->cubes->count : system->mesh->num_tets;
+}
+
+int32_t pliant_tled_element(const pliant_tled_system *system, int32_t index)
+{
+    if (!system->cubes) return index;
+    return index < system->cubes->num_tets ? system->cubes->tet[index] : ~(index - system->cubes->num_tets);
+}
+
+/* Strain energies now and one increment ago, and the work of the change between. */
+static void strain_energies(const pliant_tled *tled, const pliant_tet_material *material, double *strain, double *before, double *work)
+{
     const pliant_tled_cubes *cubes = tled->system->cubes;
     *strain = *before = *work = 0;
-    for (int32_t c = 0; cubes && c < cubes->count; c++)
-        if (!cell || cell[pliant_cell_of_tet(mesh, cubes->cube[c].tet[0])]) cube_energies(tled, material, c, strain, before, work);
-    for (int32_t e = 0; e < (cubes ? cubes->num_tets : mesh->num_tets); e++) {
-        const int32_t tet = cubes ? cubes->tet[e] : e;
-        if (!cell || cell[pliant_cell_of_tet(mesh, tet)]) tet_energies(tled, material, tet, strain, before, work);
-    }
-}
-
-double pliant_tled_strain_energy(const pliant_tled *tled, const pliant_tet_material *material, const uint8_t *cell)
-{
-    double strain, before, work;
-    strain_energies(tled, material, cell, &strain, &before, &work);
-    return strain;
+    for (int32_t c = 0; cubes && c < cubes->count; c++) cube_energies(tled, material, c, strain, before, work);
+    for (int32_t e = 0; e < (cubes ? cubes->num_tets : tled->system->mesh->num_tets); e++)
+        tet_energies(tled, material, cubes ? cubes->tet[e] : e, strain, before, work);
 }
 
 /* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of both ends,
@@ -131,6 +199,6 @@ void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *ma
         double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         *kinetic += 0.5 * square / (tled->inverse_mass[n] * tled->time_step * tled->time_step);
     }
-    strain_energies(tled, material, NULL, strain, &before, &work);
+    strain_energies(tled, material, strain, &before, &work);
     *kept = *kinetic + 0.5 * (*strain + before) - 0.25 * work;
 }
