@@ -64,6 +64,15 @@ TEST(Dicom, SlopeAndIntercept)
     ASSERT_EQ(pliant_volume_read(folder.path().c_str(), nullptr, 0, &apart), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(apart->encoding, PLIANT_INT16);
     for (int n = 0; n < 3; n++) EXPECT_EQ(apart.at(1, 0, n), (n + 1) * (1024 + n) - 10 * n);
+
+    volume_holder shifted; /* only the intercept differs */
+    save_series(folder, 3, [](int n, dicom_file *file) { file->intercept = std::to_string(-10 * n); });
+    ASSERT_EQ(pliant_volume_read(folder.path().c_str(), nullptr, 0, &shifted), PLIANT_OK) << pliant_last_error();
+    for (int n = 0; n < 3; n++) EXPECT_EQ(shifted.at(1, 0, n), 1024 + n - 10 * n);
+    volume_holder scaled;
+    save_series(folder, 3, [](int n, dicom_file *file) { file->slope = std::to_string(n + 1); });
+    ASSERT_EQ(pliant_volume_read(folder.path().c_str(), nullptr, 0, &scaled), PLIANT_OK) << pliant_last_error();
+    for (int n = 0; n < 3; n++) EXPECT_EQ(scaled.at(1, 0, n), (n + 1) * (1024 + n) - 1024);
 }
 
 TEST(Dicom, TellsTheModality)

@@ -104,6 +104,60 @@ TEST(Nifti, TakesEveryUnitOfLengthAlsoForTheOrigin)
     }
 }
 
+/* xyzt_units also holds the unit of time, in the bits above the unit of length. Sform and qform use the same unit. */
+TEST(Nifti, UnitsOfTimeDoNotHideUnitsOfLength)
+{
+    temporary_folder folder;
+    struct { char code; float per_metre; } units[] = {{1 | 8, 1.0f}, {2 | 8, 1e3f}, {3 | 16, 1e6f}, {24, 1e3f}};
+    for (auto unit : units)
+        for (bool qform : {false, true}) {
+            nifti_file file;
+            float s = unit.per_metre;
+            file.units = unit.code;
+            file.sform_code = !qform;
+            file.qform_code = qform;
+            file.pixdim = {1, 0.001f * s, 0.002f * s, 0.003f * s, 1, 1, 1, 1};
+            file.quatern_and_offset = {0, 0, 0, 0.1f * s, 0.2f * s, 0.3f * s};
+            file.srow = {0.001f * s, 0, 0, 0.1f * s, 0, 0.002f * s, 0, 0.2f * s, 0, 0, 0.003f * s, 0.3f * s};
+            save(folder / "scan.nii", file.bytes());
+            volume_holder scan;
+            const pliant_status status = pliant_volume_read((folder / "scan.nii").c_str(), nullptr, 0, &scan);
+            ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
+            const double origin[3] = {-0.1, -0.2, 0.3};
+            for (int d = 0; d < 3; d++) {
+                EXPECT_NEAR(scan->geometry.spacing[d], 0.001 * (d + 1), 1e-9) << int(unit.code) << qform;
+                EXPECT_NEAR(scan->geometry.origin[d], origin[d], 1e-7) << int(unit.code) << qform;
+            }
+        }
+}
+
+/* A gzip file is a series of members (RFC 1952 2.2). */
+TEST(Nifti, GzipFilesMayHaveSeveralMembers)
+{
+    temporary_folder folder;
+    auto member = [](const std::string &bytes) { /* stored, not compressed */
+        uint32_t crc = 0xffffffffu;
+        for (unsigned char c : bytes) {
+            crc ^= c;
+            for (int bit = 0; bit < 8; bit++) crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+        }
+        const uint16_t length = uint16_t(bytes.size());
+        const std::string block = std::string(1, '\1') + bytes_of(std::vector<uint16_t>{length, uint16_t(~length)});
+        const std::string end = bytes_of(std::vector<uint32_t>{~crc, uint32_t(bytes.size())});
+        return std::string("\x1f\x8b\x08\0\0\0\0\0\0\3", 10) + block + bytes + end;
+    };
+    nifti_file file;
+    file.data = bytes_of(counting(24, 100));
+    const std::string all = file.bytes();
+    save(folder / "scan.nii.gz", member(all.substr(0, 100)) + member(all.substr(100, 270)) + member(all.substr(370)));
+    volume_holder scan;
+    const std::string path = folder / "scan.nii.gz";
+    ASSERT_EQ(pliant_volume_read(path.c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+    for (int n = 0; n < 24; n++) EXPECT_EQ(scan.at(n % 4, n / 4 % 3, n / 12), 100 + n);
+    save(folder / "scan.nii.gz", member(all.substr(0, 370)));
+    expect_refused(folder / "scan.nii.gz", PLIANT_ERROR_FORMAT, {"truncated"});
+}
+
 TEST(Nifti, QuaternionWithFlippedThirdAxis)
 {
     temporary_folder folder;
