@@ -397,7 +397,7 @@ TEST_F(Path, SurvivesEveryFailingAllocation)
 
 TEST_F(Path, DemonstrationPathsAreReadable)
 {
-    for (const char *name : {"demo_pull", "breast_turn", "cut_hang_path", "cut_hang_ct_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path", "open_path", "demo_cut_path", "grasp_path", "press_ct_path", "organs_ct_path"}) {
+    for (const char *name : {"demo_pull", "breast_turn", "breast_over", "cut_soft_path", "cut_soft_ct_path", "cut_hang_path", "cut_hang_ct_path", "resect_path", "resect_ct_path", "biopsy_path", "incise_path", "open_path", "demo_cut_path", "grasp_path", "press_ct_path", "organs_ct_path"}) {
         std::string file = std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml";
         EXPECT_EQ(pliant_path_read(file.c_str(), &path_), PLIANT_OK) << pliant_last_error();
         pliant_path_free(&path_);

@@ -1,6 +1,7 @@
 // Pictures: what lies where in the patient comes out at its place and in its shade; differences in the right colour.
 #include "tools/picture.h"
 #include "tools/picture_scalar.h"
+#include "tools/picture_section.h"
 
 #include <cmath>
 #include <cstdlib>
@@ -11,6 +12,7 @@
 #include <itkRGBPixel.h>
 #include <string>
 #include <unistd.h>
+#include <vector>
 
 namespace {
 
@@ -168,6 +170,67 @@ TEST_F(Picture, ScalarsAreColoursOfTheTetrahedraThatThePlanesCut)
     EXPECT_EQ(colour("stress_axial", 0, 0.9, 0.5, PANEL + 24), "800000");
     EXPECT_EQ(colour("stress_axial", 0, 0.5, 0.1, PANEL + 24), "000000"); // no tissue
     for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/stress_" + std::string(plane.name) + ".png")).c_str());
+}
+
+TEST_F(Picture, LabelsAreColoursOnTheSameSideAsTheScan)
+{
+    brighten(&before_);
+    std::vector<uint16_t> voxels(24 * 24 * 24, 2);
+    for (int k = 12; k < 24; ++k)
+        for (int j = 12; j < 24; ++j)
+            for (int i = 0; i < 12; ++i) voxels[i + 24 * (j + 24 * k)] = 7;
+    pliant_labels labels{};
+    labels.geometry = before_.geometry;
+    labels.voxels = voxels.data();
+    const double point[3] = {0.011, -0.011, 0.011};
+    ASSERT_EQ(picture_write_labels(folder_, &before_, &labels, point), PLIANT_OK) << pliant_last_error();
+    const unsigned wide = 2u * PANEL + GAP;
+    uint8_t rgb[2][3];
+    char shown[2][16];
+    for (int n = 0; n < 2; ++n) {
+        picture_label_colour(n ? 7 : 2, rgb[n]);
+        std::snprintf(shown[n], sizeof shown[n], "%02x%02x%02x", rgb[n][0], rgb[n][1], rgb[n][2]);
+    }
+    EXPECT_EQ(colour("axial", 0, 0.85, 0.15, wide), "ffffff"); // left of the patient, front
+    EXPECT_EQ(colour("axial", 1, 0.85, 0.15, wide), shown[1]);
+    EXPECT_EQ(colour("axial", 1, 0.15, 0.15, wide), shown[0]);
+    EXPECT_EQ(colour("axial", 1, 0.85, 0.85, wide), shown[0]);
+    EXPECT_EQ(colour("coronal", 1, 0.85, 0.15, wide), shown[1]); // head
+    EXPECT_EQ(colour("coronal", 1, 0.85, 0.85, wide), shown[0]);
+    EXPECT_EQ(colour("sagittal", 1, 0.15, 0.15, wide), shown[1]);
+}
+
+// the material's colour on the right of the patient, red on the left, white where a blade sweeps
+TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
+{
+    const double nodes[] = {-0.02, 0, -0.02, -0.02, 0.02, 0.02, -0.02, -0.02, 0.02, 0, 0, 0, // right
+                            0.02, 0, -0.02, 0.02, 0.02, 0.02, 0.02, -0.02, 0.02, 0, 0, 0};   // left
+    int32_t tets[] = {0, 1, 2, 3, 4, 5, 6, 7};
+    pliant_mesh mesh{};
+    mesh.num_nodes = 8;
+    mesh.num_tets = 2;
+    mesh.tets = tets;
+    const uint8_t material[] = {3, 3}, collided[] = {0, 1};
+    // Two parallelograms in the sagittal planes x = 12 mm and x = -12 mm; the axial plane of the picture misses the second.
+    const double strips[] = {0.012, -0.024, -0.02, 0.012, 0.024, -0.02, 0.012, 0.024, 0.02, 0.012, -0.024, 0.02,
+                             -0.012, -0.024, -0.02, -0.012, 0.024, -0.02, -0.012, 0.024, 0, -0.012, -0.024, 0};
+    const double point[3] = {0, 0, 0.012};
+    const picture_mesh shown = {&mesh, nodes, material, collided, strips, 2};
+    ASSERT_EQ(picture_mesh_write(folder_, "", &shown, point), PLIANT_OK) << pliant_last_error();
+    uint8_t rgb[3];
+    char of_material[16];
+    picture_label_colour(4, rgb);
+    std::snprintf(of_material, sizeof of_material, "%02x%02x%02x", rgb[0], rgb[1], rgb[2]);
+    EXPECT_EQ(colour("mesh_axial", 0, 0.1, 0.5, PANEL), of_material);
+    EXPECT_EQ(colour("mesh_axial", 0, 0.9, 0.5, PANEL), "e61919");
+    EXPECT_EQ(colour("mesh_axial", 0, 0.5, 0.1, PANEL), "000000") << "no tissue";
+    const double swept = (0.021 + 0.012) / 0.042; // the box of the nodes, and a twentieth more, fills the picture
+    EXPECT_EQ(colour("mesh_axial", 0, swept, 0.02, PANEL), "ffffff");
+    EXPECT_EQ(colour("mesh_axial", 0, swept, 0.98, PANEL), "ffffff");
+    EXPECT_EQ(colour("mesh_axial", 0, 1 - swept, 0.98, PANEL), "000000") << "the other parallelogram lies below the plane";
+    const std::string absent = std::string(folder_) + "/absent";
+    EXPECT_EQ(picture_mesh_write(absent.c_str(), "", &shown, point), PLIANT_ERROR_FILE);
+    for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/mesh_" + std::string(plane.name) + ".png")).c_str());
 }
 
 } // namespace

@@ -4,6 +4,7 @@
 #include "pliant/fail.h"
 #include "picture.h"
 #include "picture_scalar.h"
+#include "picture_section.h"
 #include "pliant/memory.h"
 #include "pliant/surface.h"
 
@@ -133,7 +134,62 @@ void deform_picture_point(const deform_run *run, double point[3])
     for (int d = 0; d < 3 && mass > 0.0; ++d) point[d] /= mass;
 }
 
-static pliant_status write_pictures(const deform_run *run, const char *number, const scalar_values *scalars)
+/* Mark the tetrahedra with contact forces on all corners of a face; overlapping tetrahedra have them on every corner ([C] 5.2). */
+static void mark_collided(const pliant_mesh *mesh, const double *force, uint8_t *collided)
+{
+    for (int32_t tet = 0; tet < mesh->num_tets; ++tet) {
+        int pressed = 0;
+        for (int v = 0; v < 4; ++v) {
+            const double *of = force + 3 * (size_t)mesh->tets[4 * tet + v];
+            pressed += of[0] != 0.0 || of[1] != 0.0 || of[2] != 0.0;
+        }
+        collided[tet] = pressed >= 3;
+    }
+}
+
+/* Return the number of parallelograms that the path's cuts sweep in a step; store their corners unless out is NULL. */
+static int32_t swept_strips(const pliant_path *path, double after, double until, double *out)
+{
+    int32_t count = 0;
+    for (uint32_t c = 0; c < path->num_cuts; ++c) {
+        const pliant_path_cut *cut = &path->cuts[c];
+        if (cut->time <= after || cut->time > until) continue;
+        for (uint32_t p = 0; p + 1 < cut->num_points; ++p, ++count)
+            for (int d = 0; out && d < 3; ++d) {
+                const double *from = cut->points + 3 * p, *to = from + 3;
+                const double corners[4] = {from[d], to[d], to[d] + cut->depth[d], from[d] + cut->depth[d]};
+                for (int v = 0; v < 4; ++v) out[12 * count + 3 * v + d] = corners[v];
+            }
+    }
+    return count;
+}
+
+static pliant_status write_mesh(const deform_run *run, const char *number, long step, const double point[3])
+{
+    const pliant_body *body = pliant_data_get_body(run->data);
+    const size_t num_tets = (size_t)body->fine.num_tets;
+    const double dt = run->scene.solver.step, after = (double)(step - 1) * dt, until = (double)step * dt;
+    const int32_t num_strips = swept_strips(&run->inputs->path, after, until, NULL);
+    uint8_t *material = pliant_calloc(num_tets, sizeof *material), *collided = pliant_calloc(num_tets, sizeof *collided);
+    double *force = pliant_calloc((size_t)body->fine.num_nodes, 3 * sizeof *force);
+    double *strips = pliant_calloc((size_t)num_strips + 1, 12 * sizeof *strips);
+    pliant_status status = material && collided && force && strips ? PLIANT_OK : pliant_fail_memory("a picture of the mesh");
+    if (status >= 0) {
+        for (size_t tet = 0; tet < num_tets; ++tet) material[tet] = (uint8_t)body->fine_material[tet].material;
+        pliant_data_get_contact_forces(run->data, force);
+        mark_collided(&body->fine, force, collided);
+        swept_strips(&run->inputs->path, after, until, strips);
+        picture_mesh shown = {&body->fine, pliant_data_get_positions(run->data, NULL), material, collided, strips, num_strips};
+        status = picture_mesh_write(run->folder, number, &shown, point);
+    }
+    pliant_free(material);
+    pliant_free(collided);
+    pliant_free(force);
+    pliant_free(strips);
+    return status;
+}
+
+static pliant_status write_pictures(const deform_run *run, const char *number, long step, const scalar_values *scalars)
 {
     const pliant_data *data = run->data;
     picture_view view;
@@ -146,6 +202,7 @@ static pliant_status write_pictures(const deform_run *run, const char *number, c
         memcpy(view.after_point, tool.held_point, sizeof view.after_point);
     const pliant_volume *after = pliant_warp_volume(pliant_data_get_warp(data));
     status = picture_write(run->folder, number, &run->inputs->scan, after, &view);
+    if (status >= 0) status = write_mesh(run, number, step, view.before_point);
     for (int s = 0; status >= 0 && s < scalars->num_scalars; ++s) {
         const pliant_mesh *mesh = &pliant_data_get_body(data)->fine;
         char name[96];
@@ -184,7 +241,7 @@ pliant_status deform_write(const deform_run *run, long step)
     if (status >= 0 && pliant_data_get_warp(run->data)) {
         snprintf(path, sizeof path, "%s/deformed%s.nii.gz", run->folder, number);
         status = pliant_volume_write(path, pliant_warp_volume(pliant_data_get_warp(run->data)));
-        if (status >= 0 && arguments->pictures) status = write_pictures(run, number, &scalars);
+        if (status >= 0 && arguments->pictures) status = write_pictures(run, number, step, &scalars);
     }
     if (status >= 0) status = deform_view_write(run, number);
     free_scalars(&scalars);

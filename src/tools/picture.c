@@ -199,3 +199,45 @@ pliant_status picture_write_row(const char *folder, const picture_row *row)
     }
     return PLIANT_OK;
 }
+
+void picture_label_colour(int label, uint8_t rgb[3])
+{
+    double hue = fmod(label * 0.61803398875, 1.0) * 6, shade = label % 3 == 0 ? 255 : label % 3 == 1 ? 200 : 150;
+    for (int c = 0; c < 3; c++) {
+        double apart = fabs(fmod(hue - 2 * c + 9, 6) - 3); /* 0 where the channel is strongest */
+        rgb[c] = (uint8_t)(shade * fmin(fmax(2 - apart, 0.15), 1));
+    }
+}
+
+static void draw_labels(const canvas *canvas, int panel, const pliant_labels *labels, const pliant_geometry *geometry, const double point[3])
+{
+    for (int32_t row = 0; row < canvas->frame.height; ++row)
+        for (int32_t column = 0; column < canvas->frame.width; ++column) {
+            double world[3], index[3];
+            size_t voxel = 0;
+            bool inside = true;
+            picture_world(&canvas->frame, point, column, row, world);
+            pliant_geometry_to_index(geometry, world, index);
+            for (int d = 2; d >= 0; --d) {
+                const double nearest = floor(index[d] + 0.5);
+                inside = inside && nearest >= 0.0 && nearest < geometry->size[d];
+                voxel = voxel * (size_t)geometry->size[d] + (inside ? (size_t)nearest : 0);
+            }
+            if (inside) picture_label_colour(labels->voxels[voxel], canvas_pixel(canvas, panel, column, row));
+        }
+}
+
+pliant_status picture_write_labels(const char *folder, const pliant_volume *scan, const pliant_labels *labels, const double point[3])
+{
+    double low, high;
+    pliant_status status = picture_window(scan, &low, &high);
+    for (int n = 0; status >= 0 && n < PICTURE_PLANES; ++n) {
+        canvas canvas;
+        status = canvas_create(&picture_planes[n], &scan->geometry, 2, &canvas);
+        if (status < 0) return status;
+        draw_slice(&canvas, 0, scan, point, low, high);
+        draw_labels(&canvas, 1, labels, &scan->geometry, point);
+        status = canvas_write(&canvas, folder, "");
+    }
+    return status;
+}

@@ -53,6 +53,12 @@ typedef struct picture_row {
 /* folder/axial.png, coronal.png, sagittal.png: the volumes side by side. Errors: FILE, MEMORY. */
 pliant_status picture_write_row(const char *folder, const picture_row *row);
 
+/* Set the colour of a label. Hues differ by the golden angle, so that successive labels have very different colours. */
+void picture_label_colour(int label, uint8_t rgb[3]);
+
+/* Write folder/axial.png, coronal.png and sagittal.png: the scan, and the colours of its labels. Errors: FILE, MEMORY. */
+pliant_status picture_write_labels(const char *folder, const pliant_volume *scan, const pliant_labels *labels, const double point[3]);
+
 /* rgb is (height x width x 3), top row first. Errors: FILE. */
 pliant_status picture_png(const char *path, const uint8_t *rgb, int32_t width, int32_t height);
 

@@ -18,13 +18,14 @@ static const char help[] =
     "\n"
     "Finds tissues by intensity: a Gaussian mixture, neighbours that agree, connected pieces. Writes to DIR:\n"
     "labels.nii.gz (a label a piece), pieces.csv (label, class, mean intensity, volume, centre), axial.png, coronal.png,\n"
-    "sagittal.png (the scan, and a colour a piece, through its middle). With segment/kind gmm in a scene, a material\n"
+    "sagittal.png (the scan, and a colour a piece, through its middle or --at). With segment/kind gmm in a scene, a material\n"
     "table names these labels; what it does not name goes by intensity.\n"
     "\n"
     "  SCENE              scene file (YAML); without one every option has its default\n"
     "  --scan PATH        DICOM folder, NIfTI, NRRD or MetaImage file; phantom or phantom:IxJxK (default: phantom)\n"
     "  --out DIR          folder for the results; made if it is missing\n"
     "  --set OPTION=VALUE change a scene option, e.g. --set segment/classes=8; may be repeated\n"
+    "  --at X,Y,Z         print the piece at this point [m, LPS], and draw the pictures through it\n"
     "  --help             print this and end\n"
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage.\n";
@@ -32,14 +33,26 @@ static const char help[] =
 typedef struct segment_arguments {
     pliant_scene scene;
     const char *scan, *folder;
+    bool has_point;
+    double point[3]; /* LPS [m] */
 } segment_arguments;
+
+static bool read_point(const char *text, segment_arguments *out)
+{
+    char beyond;
+    double *at = out->point;
+    out->has_point = sscanf(text, "%lf,%lf,%lf%c", at, at + 1, at + 2, &beyond) == 3;
+    for (int d = 0; d < 3; d++) out->has_point = out->has_point && isfinite(at[d]);
+    if (!out->has_point) fprintf(stderr, "--at %s: X,Y,Z is wanted [m, LPS]\n", text);
+    return out->has_point;
+}
 
 /* True: go on; false: end with *exit_code. */
 static bool read_arguments(int argc, char **argv, segment_arguments *out, int *exit_code)
 {
     static const struct option options[] = {
         {"scan", required_argument, NULL, 'c'}, {"out", required_argument, NULL, 'o'}, {"set", required_argument, NULL, 's'},
-        {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
+        {"at", required_argument, NULL, 'a'},   {"help", no_argument, NULL, 'h'},       {NULL, 0, NULL, 0},
     };
     bool good = true;
     *exit_code = EXIT_USAGE;
@@ -50,6 +63,9 @@ static bool read_arguments(int argc, char **argv, segment_arguments *out, int *e
         case 'c': out->scan = optarg; break;
         case 'o': out->folder = optarg; break;
         case 's': break;
+        case 'a':
+            if (!read_point(optarg, out)) return false;
+            break;
         case 'h':
             fputs(help, stdout);
             *exit_code = EXIT_OK;
@@ -78,62 +94,15 @@ static pliant_status write_table(const char *folder, const pliant_segmentation *
     return failed ? pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno)) : PLIANT_OK;
 }
 
-/* A colour a label, far from those of its neighbours in number: hues by the golden angle. */
-static void colour_of(int label, uint8_t rgb[3])
+static pliant_status write_results(const char *folder, const pliant_volume *scan, const pliant_segmentation *found,
+                                   const double point[3])
 {
-    double hue = fmod(label * 0.61803398875, 1.0) * 6, shade = label % 3 == 0 ? 255 : label % 3 == 1 ? 200 : 150;
-    for (int c = 0; c < 3; c++) {
-        double apart = fabs(fmod(hue - 2 * c + 9, 6) - 3); /* 0 where the channel is strongest */
-        rgb[c] = (uint8_t)(shade * fmin(fmax(2 - apart, 0.15), 1));
-    }
-}
-
-typedef struct plane { const char *name; int right, down; } plane;
-
-/* by index axes: of the usual scans i runs to a side, j to front or back, k up or down */
-static pliant_status draw_plane(const char *folder, plane view, const pliant_volume *scan, const pliant_labels *labels)
-{
-    const pliant_geometry *g = &scan->geometry;
-    const int32_t wide = g->size[view.right], tall = g->size[view.down];
-    int normal = 3 - view.right - view.down;
-    double low, high, aspect = g->spacing[view.down] / g->spacing[view.right];
-    int32_t scale = wide < 300 ? 2 : 1, width = scale * wide, height = (int32_t)ceil(scale * tall * aspect);
-    pliant_status status = picture_window(scan, &low, &high);
-    if (status < 0) return status;
-    uint8_t *rgb = pliant_calloc((size_t)(2 * width) * (size_t)height, 3);
-    if (!rgb) return pliant_fail_memory("a picture");
-    for (int32_t y = 0; y < height; y++)
-        for (int32_t x = 0; x < width; x++) {
-            size_t at[3];
-            int32_t row = (int32_t)(y / (scale * aspect));
-            at[normal] = (size_t)g->size[normal] / 2;
-            at[view.right] = (size_t)(x / scale);
-            at[view.down] = (size_t)(row < tall ? row : tall - 1);
-            /* superior is up */
-            if (view.down == 2 && g->direction[8] > 0) at[2] = (size_t)tall - 1 - at[2];
-            size_t v = at[0] + (size_t)g->size[0] * (at[1] + (size_t)g->size[1] * at[2]);
-            uint8_t grey = (uint8_t)(255 * fmin(fmax((pliant_volume_value(scan, v) - low) / (high - low), 0), 1));
-            uint8_t *left = rgb + 3 * ((size_t)y * (size_t)(2 * width) + (size_t)x), *right = left + 3 * (size_t)width;
-            memset(left, grey, 3);
-            colour_of(labels->voxels[v], right);
-        }
-    char path[4096];
-    snprintf(path, sizeof path, "%s/%s.png", folder, view.name);
-    status = picture_png(path, rgb, 2 * width, height);
-    pliant_free(rgb);
-    return status;
-}
-
-static pliant_status write_results(const char *folder, const pliant_volume *scan, const pliant_segmentation *found)
-{
-    static const plane planes[] = {{"axial", 0, 1}, {"coronal", 0, 2}, {"sagittal", 1, 2}};
     char path[4096];
     pliant_status status = command_line_folder(folder);
     snprintf(path, sizeof path, "%s/labels.nii.gz", folder);
     if (status >= 0) status = pliant_labels_write(path, &found->labels);
     if (status >= 0) status = write_table(folder, found);
-    for (int p = 0; status >= 0 && p < 3; p++) status = draw_plane(folder, planes[p], scan, &found->labels);
-    return status;
+    return status < 0 ? status : picture_write_labels(folder, scan, &found->labels, point);
 }
 
 static void print(const pliant_segmentation *found, double seconds)
@@ -143,6 +112,30 @@ static void print(const pliant_segmentation *found, double seconds)
     for (int32_t p = 0; p < found->num_pieces && p < MOST_SHOWN; p++)
         printf("%5d %5d %10.1f %10.1f\n", (int)p + 1, (int)found->pieces[p].class_index, found->pieces[p].mean, 1e6 * found->pieces[p].volume);
     if (found->num_pieces > MOST_SHOWN) printf("and %d smaller ones, in pieces.csv\n", (int)found->num_pieces - MOST_SHOWN);
+}
+
+/* Set the point that pictures go through: --at, else the middle of the scan. Errors: ARGUMENT (outside of the scan). */
+static pliant_status find_point(segment_arguments *arguments, const pliant_geometry *geometry)
+{
+    double middle[3], index[3], *at = arguments->point;
+    for (int d = 0; d < 3; d++) middle[d] = 0.5 * (geometry->size[d] - 1);
+    if (!arguments->has_point) pliant_geometry_to_world(geometry, middle, at);
+    pliant_geometry_to_index(geometry, at, index);
+    for (int d = 0; d < 3; d++)
+        if (!(index[d] >= -0.5 && index[d] < geometry->size[d] - 0.5))
+            return pliant_fail(PLIANT_ERROR_ARGUMENT, "--at %g,%g,%g lies outside of the scan; use a point inside [m, LPS]",
+                               at[0], at[1], at[2]);
+    return PLIANT_OK;
+}
+
+static void print_piece(const pliant_segmentation *found, const pliant_geometry *geometry, const double point[3])
+{
+    double index[3];
+    size_t voxel = 0;
+    pliant_geometry_to_index(geometry, point, index);
+    for (int d = 2; d >= 0; d--) voxel = voxel * (size_t)geometry->size[d] + (size_t)lround(index[d]);
+    const int label = found->labels.voxels[voxel];
+    printf("the piece at the point: label %d, %.1f ml\n", label, 1e6 * found->pieces[label - 1].volume);
 }
 
 int main(int argc, char **argv)
@@ -162,9 +155,11 @@ int main(int argc, char **argv)
     pliant_segment_options options = {scene->segment.classes, scene->segment.most_classes, scene->segment.coherence, scene->segment.smallest,
                                       scene->solver.threads, scene->solver.backend};
     double start = pliant_seconds();
+    if (status >= 0) status = find_point(&arguments, &scan.geometry);
     if (status >= 0) status = pliant_segment(&scan, &options, &found);
     if (status >= 0) print(&found, pliant_seconds() - start);
-    if (status >= 0) status = write_results(arguments.folder, &scan, &found);
+    if (status >= 0 && arguments.has_point) print_piece(&found, &scan.geometry, arguments.point);
+    if (status >= 0) status = write_results(arguments.folder, &scan, &found, arguments.point);
     if (status >= 0) printf("results in %s\n", arguments.folder);
     pliant_segmentation_free(&found);
     pliant_material_table_free(&materials);
