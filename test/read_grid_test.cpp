@@ -113,7 +113,8 @@ TEST(NrrdGrid, AxisMinsPlaceTheFirstVoxel)
             EXPECT_NEAR(scan->geometry.spacing[d], 1e-3 * one.spacing[d], 1e-12);
             EXPECT_EQ(scan->geometry.direction[4 * d], one.flip[d]);
         }
-        expect_words(log.warnings(), {});
+        if (std::strstr(one.more, "spacings")) expect_words(log.warnings(), {});
+        else expect_words(log.warnings(), {"scan.nrrd", "neither spacings", "axis maxs"});
     }
     save(folder / "scan.nrrd", nrrd("spacings: 2 0 3\naxis mins: 0 0 0\n"));
     expect_refused(folder / "scan.nrrd", PLIANT_ERROR_FORMAT, {"spacing"});

@@ -206,9 +206,9 @@ grid read_grid(const text_header &header)
     if (header.has("spacedirections") && directions.size() != n)
         fail(PLIANT_ERROR_FORMAT, "%s: space directions: %.100s: %zu are needed", header.path.c_str(), header.text("spacedirections").c_str(), n);
     const scalar_axes scalars = read_scalar_axes(header, n);
-    if (directions.empty() && scalars.spacings.empty() && (scalars.mins.empty() || scalars.maxs.empty()))
-        pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: a spacing of 1 mm is taken",
-                   header.path.c_str());
+    if (directions.empty() && scalars.spacings.empty())
+        pliant_log(PLIANT_LOG_WARNING, "%s: neither spacings nor space directions: %s taken", header.path.c_str(),
+                   scalars.mins.empty() || scalars.maxs.empty() ? "a spacing of 1 mm is" : "those by axis mins and axis maxs are");
 
     grid grid;
     double unit = unit_in_millimetres(header), sign[3] = {1.0, 1.0, 1.0};
