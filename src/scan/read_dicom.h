@@ -47,7 +47,13 @@ struct dicom_pixels {
     int padding_low = 0, padding_high = 0; /* PixelPaddingValue to PixelPaddingRangeLimit, as stored */
 
     size_t count() const { return static_cast<size_t>(rows) * static_cast<size_t>(columns); }
-    component type() const;
+    component type() const
+    {
+        if (bits_allocated == 8) return is_signed ? component::int8 : component::uint8;
+        if (bits_allocated == 16) return is_signed ? component::int16 : component::uint16;
+        if (bits_allocated == 32) return is_signed ? component::int32 : component::uint32;
+        return component::none;
+    }
 };
 
 /* The parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */

@@ -5,14 +5,6 @@
 
 namespace pliant_read {
 
-component dicom_pixels::type() const
-{
-    if (bits_allocated == 8) return is_signed ? component::int8 : component::uint8;
-    if (bits_allocated == 16) return is_signed ? component::int16 : component::uint16;
-    if (bits_allocated == 32) return is_signed ? component::int32 : component::uint32;
-    return component::none;
-}
-
 namespace {
 
 std::string file_part(const std::string &path, const dicom_file::part &part)
