@@ -1,4 +1,4 @@
-// Coarse hexahedra of a body of one material are no stiffer than its fine mesh (fem/coarse/held_edges.c, and lod of tissue that hardly changes its volume).
+// Coarse hexahedra of a body of one material with a held face beside a free one (fem/coarse/held_edges.c), against fine and converged meshes.
 #include "beam.h"
 
 #include "pliant/memory.h"
@@ -105,6 +105,69 @@ TEST(HeldEdges, ABlockUnderItsWeightAcrossAndAlong)
             }
         }
 }
+
+// Bodies of cubes of 10 mm under weight across, held at one end or at both. Nothing was fitted to them.
+struct Bodies : testing::TestWithParam<int> {};
+struct HeldBody {
+    const char *name;
+    int cubes[3];
+    bool both_ends;
+    double converged[2]; // mean displacement at nu 0.45 and 0.49 [mm], extrapolated from fine hexahedra of 2.5 and 1.25 mm
+};
+const HeldBody held_bodies[] = {{"beam 20 x 40 x 120 mm", {2, 4, 12}, false, {0.728562, 0.724557}},
+                                {"plate 80 x 20 x 80 mm", {8, 2, 8}, false, {0.479920, 0.465597}},
+                                {"cube 40 mm", {4, 4, 4}, false, {0.0204818, 0.0205073}},
+                                {"block 40 x 40 x 80 mm, held at both ends", {4, 4, 8}, true, {0.0168463, 0.0170439}}};
+
+double mean_way(const HeldBody &held, pliant_method method, double poisson, int finer, int ratio)
+{
+    int voxels[3];
+    double box[3];
+    for (int d = 0; d < 3; d++) {
+        voxels[d] = 4 * held.cubes[d];
+        box[d] = 0.01 * held.cubes[d];
+    }
+    Body body(voxels, box, {{263.8e3, poisson, 1070, false}});
+    body.scene.element.kind = PLIANT_HEXAHEDRA;
+    body.scene.model.method = method;
+    body.scene.solver.tolerance = 1e-5;
+    body.scene.model.gravity[1] = -2;
+    body.cells(finer * held.cubes[0], finer * held.cubes[1], finer * held.cubes[2], ratio);
+    body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+    if (held.both_ends) body.fix_plane(0, 0, box[2] - 1e-4, 0, 0, -1);
+    EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(body.settle(200), PLIANT_OK) << body.data->statistics.residual;
+    double sum = 0, mass = 0;
+    for (int32_t n = 0; n < body.model->body->fine.num_nodes; n++) {
+        sum += body.model->body->node_mass[n] * (body.model->body->fine.rest[3 * n + 1] - body.data->positions[3 * n + 1]);
+        mass += body.model->body->node_mass[n];
+    }
+    return 1e3 * sum / mass;
+}
+
+// Against the converged mesh each is nearer than plain hexahedra of the same size, except an averaged plate at ratio 4. Plates are softer than their
+// own fine mesh.
+TEST_P(Bodies, AreNearerToTheConvergedMesh)
+{
+    const HeldBody &held = held_bodies[GetParam()];
+    for (int n = 0; n < 2; n++) {
+        const double poisson = n ? 0.49 : 0.45, converged = held.converged[n], plain = mean_way(held, PLIANT_FINE, poisson, 1, 1) / converged - 1;
+        std::printf("%s, nu %.2f: plain %+.1f %%", held.name, poisson, 100 * plain);
+        for (int ratio = 2; ratio <= 4; ratio += 2) {
+            const double fine = mean_way(held, PLIANT_FINE, poisson, ratio, 1);
+            std::printf(" | ratio %d: fine %+.1f %%", ratio, 100 * (fine / converged - 1));
+            for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED}) {
+                const double way = mean_way(held, method, poisson, 1, ratio), error = way / converged - 1;
+                std::printf(", %s %+.1f (of the fine %+.1f)", name_of(method), 100 * error, 100 * (way / fine - 1));
+                const bool known = method == PLIANT_AVERAGED && ratio == 4 && held.cubes[1] == 2;
+                EXPECT_LT(std::fabs(error), known ? 0.035 : 0.7 * std::fabs(plain)) << held.name << " " << name_of(method);
+                EXPECT_LT(way / fine - 1, held.cubes[1] == 2 ? 0.045 : 0.02) << held.name << " " << name_of(method);
+            }
+        }
+        std::printf("\n");
+    }
+}
+INSTANTIATE_TEST_SUITE_P(HeldEdges, Bodies, testing::Range(0, 4));
 
 // Which cubes: those with a held face beside a free one, by what the material says, and no others.
 TEST(HeldEdges, SoftenWhatLiesAtTheEdgeAlone)

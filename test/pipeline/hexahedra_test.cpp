@@ -36,7 +36,7 @@ double coarse_sag(pliant_method method, double poisson, int ratio)
     return beam.sag();
 }
 
-// On a body of one material a coarse model is no stiffer than the fine mesh (held_edges_test).
+// A beam of one material (other bodies: held_edges_test).
 TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
 {
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};

@@ -16,7 +16,7 @@
 
 enum { CORNERS = 8 };
 
-/* fitted to the sag of the beam of NUMERICS 5, and held against other bodies there */
+/* fitted to the sag of the beam of NUMERICS 5; its error on other bodies stands in NUMERICS 2 */
 static const double part = 0.274, knee = 5.2, order = 1.1;
 
 typedef struct edge_work {
