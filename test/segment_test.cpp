@@ -179,6 +179,59 @@ TEST(Segment, SpecksJoinTheirNeighbours)
     for (int v = 0; v < 27000; v++) ASSERT_EQ(gone.labels.voxels[v], v % 30 < 15 ? 1 : 2);
 }
 
+// A picture of two values has two pieces, whatever they are: masks of 0 and 1, neighbouring integers, floats; in small scans, too.
+TEST(Segment, APictureOfTwoValuesHasTwoPieces)
+{
+    const struct { pliant_encoding encoding; float low, high; double spacing; } pictures[] = {
+        {PLIANT_UINT8, 0, 1, 0.002}, {PLIANT_UINT8, 0, 255, 0.002}, {PLIANT_INT16, -1000, 40, 0.002}, {PLIANT_INT16, 40, 41, 0.002}, {PLIANT_INT16, 0, 3, 0.002},
+        {PLIANT_FLOAT32, 0.2f, 0.7f, 0.002}, {PLIANT_INT16, -1000, 40, 0.0005}, {PLIANT_UINT8, 0, 1, 3e-5}};
+    for (const auto &one : pictures)
+        for (const double radius : {3.0, 7.0, 12.0}) {
+            pliant_geometry geometry{{40, 36, 30}, {0, 0, 0}, {one.spacing, one.spacing, one.spacing}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+            pliant_volume scan{};
+            ASSERT_EQ(pliant_volume_create(&geometry, one.encoding, &scan), PLIANT_OK);
+            scan.slope = 1;
+            size_t v = 0, inside = 0;
+            for (int k = 0; k < 30; k++)
+                for (int j = 0; j < 36; j++)
+                    for (int i = 0; i < 40; i++, v++) {
+                        const bool in = (i - 20) * (i - 20) + (j - 18) * (j - 18) + (k - 15) * (k - 15) < radius * radius;
+                        const float value = in ? one.high : one.low;
+                        inside += in;
+                        if (one.encoding == PLIANT_UINT8) static_cast<uint8_t *>(scan.voxels)[v] = uint8_t(value);
+                        else if (one.encoding == PLIANT_INT16) static_cast<int16_t *>(scan.voxels)[v] = int16_t(value);
+                        else static_cast<float *>(scan.voxels)[v] = value;
+                    }
+            const double voxel = std::pow(one.spacing, 3);
+            pliant_scene scene;
+            pliant_segment_options options;
+            pliant_segmentation found{};
+            pliant_scene_defaults(&scene);
+            scene.solver.backend = PLIANT_CPU;
+            pliant_segment_options_from(&scene, &geometry, &options);
+            ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK) << pliant_last_error();
+            EXPECT_EQ(found.num_pieces, 2) << one.low << " " << one.high << ", radius " << radius << ", spacing " << one.spacing;
+            if (found.num_pieces == 2) EXPECT_NEAR(found.pieces[1].volume, double(inside) * voxel, 1e-6 * double(inside) * voxel);
+            pliant_segmentation_free(&found);
+            pliant_volume_free(&scan);
+        }
+}
+
+TEST(Segment, TheSmallestPieceOfAPatientIsAMillilitre)
+{
+    pliant_scene scene;
+    pliant_segment_options options;
+    pliant_scene_defaults(&scene);
+    const pliant_geometry patient{{120, 100, 110}, {0, 0, 0}, {0.003, 0.003, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}}, mouse{{300, 300, 1000}, {0, 0, 0}, {1e-4, 1e-4, 1e-4}, {}};
+    pliant_segment_options_from(&scene, &patient, &options);
+    EXPECT_EQ(options.smallest, 1e-6);
+    pliant_segment_options_from(&scene, &mouse, &options);
+    EXPECT_NEAR(options.smallest, 4.5e-8, 1e-12);
+    scene.segment.smallest = 2e-6;
+    pliant_segment_options_from(&scene, &mouse, &options);
+    EXPECT_EQ(options.smallest, 2e-6);
+}
+
 TEST(Segment, OddVolumesAndWrongOptions)
 {
     Scan even(8, 8, 8), tiny(1, 1, 1);

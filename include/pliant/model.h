@@ -41,6 +41,10 @@ PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pli
 PLIANT_API void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
 PLIANT_API void pliant_model_free(pliant_model *model); /**< Nullable */
 
+/** By how much default lengths are multiplied for a body: 1 for bodies of 50 to 600 mm (cube root of the tissue's volume), in proportion to smaller
+ *  and larger ones. @param labels Nullable. Errors: those of pliant_material_classify. */
+PLIANT_API pliant_status pliant_length_scale(const pliant_volume *scan, const pliant_labels *labels, const pliant_material_table *materials, double *out);
+
 /** What a model was built from and holds; constant, valid until pliant_model_free. */
 PLIANT_API const pliant_scene *pliant_model_get_scene(const pliant_model *model);
 PLIANT_API const pliant_volume *pliant_model_get_scan(const pliant_model *model);
@@ -48,6 +52,9 @@ PLIANT_API const pliant_volume *pliant_model_get_drawn(const pliant_model *model
 PLIANT_API const pliant_material_table *pliant_model_get_materials(const pliant_model *model);
 /** (voxels) index into the materials. */
 PLIANT_API const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model);
+/** Return the material at a point at rest, LPS [m], as pictures show it: a voxel that tissue shares with air has the tissue's material. A point outside
+ *  of the scan has the material of the nearest voxel. */
+PLIANT_API uint8_t pliant_model_material_at(const pliant_model *model, const double rest[3]);
 /** Meshes, materials, masses and surface at load; that of a simulation now is pliant_data_get_body. */
 PLIANT_API const pliant_body *pliant_model_get_body(const pliant_model *model);
 

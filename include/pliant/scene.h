@@ -61,6 +61,9 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 /** C types of the kinds of option. INT3 and REAL3 take one default and one range for all three numbers. */
 #define PLIANT_DECLARE_INT(name) int32_t name;
 #define PLIANT_DECLARE_REAL(name) double name;
+/** A number that follows from the size of the body where it is PLIANT_AUTO_LENGTH. A model's own scene (pliant_model_get_scene) has the number. */
+#define PLIANT_AUTO_LENGTH (-1.0)
+#define PLIANT_DECLARE_LENGTH(name) double name;
 #define PLIANT_DECLARE_BOOL(name) bool name;
 #define PLIANT_DECLARE_INT3(name) int32_t name[3];
 #define PLIANT_DECLARE_REAL3(name) double name[3];
@@ -91,7 +94,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(INT, classes, 0, 0, 16, "", "of the mixture; 0: by BIC")                                                        \
     X(INT, most_classes, 12, 1, 16, "", "that BIC may choose")                                                        \
     X(REAL, coherence, 1.0, 0.0, 100.0, "", "what a neighbour in the same class weighs; 0: voxels stand alone")       \
-    X(REAL, smallest, 1e-6, 0.0, 1.0, "m^3", "pieces below this volume join their neighbours")
+    X(LENGTH, smallest, PLIANT_AUTO_LENGTH, 0.0, 1.0, "m^3", "pieces below this volume join their neighbours; auto: 1e-6, or 0.0005 of the scan's volume where that is less")
 #define PLIANT_SCENE_MATERIAL(X)                                                                                       \
     X(STRING, file, "", 0, 0, "", "material table (YAML), relative to the scene file; empty: the built-in one")       \
     X(STRING, labels, "", 0, 0, "", "label map on the scan's grid; empty: intensity ranges only")                     \
@@ -159,7 +162,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, stiffness, 1000.0, 1e-3, 1e12, "N/m", "spring between a grasping tool and the tissue")                    \
     X(REAL, damping, 0.0, 0.0, 1e9, "N s/m", "damper beside the spring")                                              \
     X(REAL, slip, 0.0, 0.0, 1e6, "N", "a grip by a spring that would take more than this slips, and is lost once it has slipped as far as the blob is wide; 0: it holds whatever comes") \
-    X(REAL, radius, 0.006, 0.0, 1.0, "m", "the grasped blob; 0: a point")
+    X(LENGTH, radius, PLIANT_AUTO_LENGTH, 0.0, 1.0, "m", "the grasped blob; 0: a point; auto: 0.006 for bodies of 50 to 600 mm (cube root of the tissue's volume), in proportion to smaller and larger bodies")
 #define PLIANT_SCENE_CONTACT(X)                                                                                        \
     X(REAL, friction, 0.08, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles, and between tissue and tissue; measured 0.03 to 0.08, peritoneum on smooth glass in saline (Loring et al., J. Biomech. 38:2390, 2005); toothed jaws hold more") \
     X(BOOL, self, false, 0, 1, "", "tissue touches tissue: what folds, pieces, the sides of a cut; with material/slides always") \
@@ -172,12 +175,12 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, snap, 0.1, 0.01, 0.45, "", "of subdivide: part of the shortest edge below which no edge is cut; the node that is so near is parted itself") \
     X(TRIGGER, trigger, PLIANT_TRIGGER_SERVICE, 0, 0, "", "when a robot's tool with a blade cuts: always, while its jaw is closed, while it has energy, or by service alone") \
     X(REAL, resistance, 1.0, 0.0, 1000.0, "", "factor on the materials' toughness: what the tissue takes to part; 0: it parts without a force") \
-    X(REAL, drag, 0.003, 1e-6, 1.0, "m", "how far a blade drags the tissue along before it parts; a voxel at least")                       \
+    X(LENGTH, drag, PLIANT_AUTO_LENGTH, 1e-6, 1.0, "m", "how far a blade drags the tissue along before it parts; a voxel at least; auto: 0.003, scaled as grasp/radius")                       \
     X(INT, undo, 8, 0, 1000, "strokes", "that can be undone; each keeps the meshes from before it")
 #define PLIANT_SCENE_WARP(X)                                                                                           \
     X(WARP, kind, PLIANT_RASTERIZE, 0, 0, "", "rasterize: tetrahedra, exact on them; fit: a smooth map through the nodes ([C] 12)") \
     X(INT, fit_step, 4, 1, 64, "voxels", "fit: distance of the points that are fitted; linear in between")            \
-    X(REAL, margin, 0.03, 0.0, 10.0, "m", "room that the deformed volume has around the tissue at rest; what is moved further is cut off") \
+    X(LENGTH, margin, PLIANT_AUTO_LENGTH, 0.0, 10.0, "m", "room that the deformed volume has around the tissue at rest; what is moved further is cut off; auto: 0.03, scaled as grasp/radius, or the largest margin with which the volume has at most 4 times the scan's voxels") \
     X(BOOL, hide_empty, false, 0, 1, "", "voxels of empty materials are drawn as the scan's background: an organ alone, without what its elements hold beside it") \
     X(REAL, rate, 10.0, 0.0, 1000.0, "Hz", "most deformed volumes a second")
 #define PLIANT_SCENE_OUTPUT(X)                                                                                         \

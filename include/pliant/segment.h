@@ -25,6 +25,9 @@ typedef struct pliant_segment_options {
     pliant_backend_choice backend; /**< auto: a GPU if one can be used; it gives the CPU's labels */
 } pliant_segment_options;
 
+/** Take the options from a scene. segment/smallest: auto becomes 1e-6 m^3, or 0.0005 of the scan's volume where that is less. */
+PLIANT_API void pliant_segment_options_from(const pliant_scene *scene, const pliant_geometry *scan, pliant_segment_options *out);
+
 /** Class of the mixture, by ascending mean. */
 typedef struct pliant_segment_class {
     double weight, mean, deviation; /**< values with slope and intercept */

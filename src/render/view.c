@@ -1,6 +1,7 @@
 /* What sees a model's tissue: its deformed volume and the labels of that, drawn when a picture asks for them. */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "material/mixed.h"
 #include "pliant/memory.h"
 #include "render/render.h"
 #include "state/model.h"
@@ -93,17 +94,23 @@ pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const 
     return PLIANT_OK;
 }
 
-/* Labels of the scan's voxels: materials, plus 1, but for empty ones. */
+/* Labels of the scan's voxels: materials as pictures show them, plus 1, but for empty ones. */
 static pliant_status find_materials(pliant_view *view)
 {
     const pliant_model *model = view->model;
     pliant_status status = pliant_volume_create(&model->scan->geometry, PLIANT_UINT8, &view->materials);
     if (status != PLIANT_OK) return status;
     uint8_t *labels = view->materials.voxels;
-    const size_t voxels = pliant_geometry_voxels(&model->scan->geometry);
+    const int32_t *size = model->scan->geometry.size;
     view->materials.slope = 1;
-    for (size_t v = 0; v < voxels; v++)
-        if (!model->materials.materials[model->material_of_voxel[v]].empty) labels[v] = (uint8_t)(model->material_of_voxel[v] + 1);
+#pragma omp parallel for num_threads(threads_of(view)) schedule(static)
+    for (int32_t k = 0; k < size[2]; k++)
+        for (int32_t j = 0; j < size[1]; j++)
+            for (int32_t i = 0; i < size[0]; i++) {
+                const size_t v = (size_t)i + (size_t)size[0] * ((size_t)j + (size_t)size[1] * (size_t)k);
+                if (model->materials.materials[model->material_of_voxel[v]].empty) continue;
+                labels[v] = (uint8_t)(pliant_material_shown(&model->materials, size, model->material_of_voxel, (const int32_t[3]){i, j, k}) + 1);
+            }
     return PLIANT_OK;
 }
 

@@ -49,6 +49,10 @@ pliant_status block_create(const int32_t size[3], const double box[3], block_pai
     out->table.materials = out->materials;
     out->table.num_materials = 4;
     pliant_scene_defaults(&out->scene);
+    /* as of a patient, whatever the block's size: cases that stretch it stay comparable */
+    out->scene.grasp.radius = 0.006;
+    out->scene.cut.drag = 0.003;
+    out->scene.warp.margin = 0.03;
     for (int d = 0; d < 3; d++) out->scene.mesh.coarse_cells[d] = 3;
     out->scene.mesh.ratio = 2;
     out->scene.solver.threads = 1; /* small bodies: threads would only cost */

@@ -9,6 +9,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+void pliant_segment_options_from(const pliant_scene *scene, const pliant_geometry *scan, pliant_segment_options *out)
+{
+    const double usual = 1e-6, part = 5e-4;
+    const double volume = (double)pliant_geometry_voxels(scan) * scan->spacing[0] * scan->spacing[1] * scan->spacing[2];
+    *out = (pliant_segment_options){.classes = scene->segment.classes, .most_classes = scene->segment.most_classes,
+                                    .coherence = scene->segment.coherence, .smallest = scene->segment.smallest,
+                                    .num_threads = scene->solver.threads, .backend = scene->solver.backend};
+    if (scene->segment.smallest == PLIANT_AUTO_LENGTH) out->smallest = fmin(usual, part * volume);
+}
+
 static pliant_status check(const pliant_volume *scan, const pliant_segment_options *options)
 {
     size_t voxels = pliant_geometry_voxels(&scan->geometry);
@@ -24,7 +34,8 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
 }
 
 /* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them. Stored integers span
- * at least a bin each: bins narrower than a step of the values would stay empty in between. */
+ * at least a bin each: bins narrower than a step of the values would stay empty in between. A picture of a few integers, as a mask is, has
+ * no such in-between: each integer is a spike in bins of its own. */
 void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram)
 {
     const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
@@ -33,6 +44,7 @@ void segment_set_bins(const pliant_volume *scan, double least, double most, cons
     for (double sum = 0; last > first && (sum += count[last]) <= outside; last--) {}
     double low = scale > 0 ? least + first / scale : least, high = scale > 0 ? least + (last + 1) / scale : least + 1;
     double step = scan->encoding == PLIANT_FLOAT32 ? 0 : fabs(scan->slope), width = (high - low) / SEGMENT_BINS;
+    if (most - least < SEGMENT_FEW_STEPS * step) step = 0;
     histogram->width = step > 0 ? step * fmax(ceil(width / step - 1e-9), 1) : width;
     histogram->low = step > 0 ? low - 0.5 * step : low;
 }

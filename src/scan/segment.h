@@ -29,7 +29,7 @@ typedef struct segment_fits {
 typedef struct segment_tally { int32_t piece, voxels; double sum, at[3]; uint8_t class_index; } segment_tally;
 
 /* ---- segment.c: what does not depend on who goes through the voxels */
-enum { SEGMENT_FINE_BINS = 1 << 16, SEGMENT_SWEEPS = 8, SEGMENT_ALIKE = 18 /* of 27 */ };
+enum { SEGMENT_FINE_BINS = 1 << 16, SEGMENT_SWEEPS = 8, SEGMENT_ALIKE = 18 /* of 27 */, SEGMENT_FEW_STEPS = 16 /* of integers */ };
 /* The bins, from the values' range and their counts over SEGMENT_FINE_BINS bins of it. */
 void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram);
 /* From counts of the differences between neighbours along i, neither in the first bin. */

@@ -41,6 +41,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_INT3(value) PLIANT_OPTION_INT3, value, NULL, NULL
 #define KIND_REAL(value) PLIANT_OPTION_REAL, value, NULL, NULL
 #define KIND_REAL3(value) PLIANT_OPTION_REAL3, value, NULL, NULL
+#define KIND_LENGTH(value) PLIANT_OPTION_LENGTH, value, NULL, NULL
 #define KIND_STRING(value) PLIANT_OPTION_STRING, 0, value, NULL
 #define KIND_METHOD(value) PLIANT_OPTION_CHOICE, value, NULL, method_names
 #define KIND_TOUCH(value) PLIANT_OPTION_CHOICE, value, NULL, touch_names
@@ -106,9 +107,11 @@ static int words_of(const pliant_option *option)
     return option->kind == PLIANT_OPTION_INT3 || option->kind == PLIANT_OPTION_REAL3 ? 3 : 1;
 }
 
+static bool is_auto(const pliant_option *option, double value) { return option->kind == PLIANT_OPTION_LENGTH && value == PLIANT_AUTO_LENGTH; }
+
 static void describe(void)
 {
-    static const char *const kinds[] = {"bool", "int", "int3", "real", "real3", "string", "choice"};
+    static const char *const kinds[] = {"bool", "int", "int3", "real", "real3", "length", "string", "choice"};
     for (int i = 0; i < NUM_OPTIONS; ++i) {
         const pliant_option *o = &table[i];
         char *value = default_texts[i], *range = range_texts[i];
@@ -125,8 +128,9 @@ static void describe(void)
             break;
         default:
             if (words_of(o) == 3) snprintf(value, TEXT_SIZE, "%g %g %g", o->value, o->value, o->value);
+            else if (is_auto(o, o->value)) snprintf(value, TEXT_SIZE, "auto");
             else snprintf(value, TEXT_SIZE, "%g", o->value);
-            snprintf(range, TEXT_SIZE, "%g .. %g", o->low, o->high);
+            snprintf(range, TEXT_SIZE, "%g .. %g%s", o->low, o->high, o->kind == PLIANT_OPTION_LENGTH ? " | auto" : "");
         }
         infos[i] =
             (pliant_option_info){o->group, o->name, kinds[o->kind], value, range, o->unit, o->text, o->low, o->high};
@@ -167,8 +171,11 @@ static const char *range_of(const pliant_option *option)
 static const char *not_in_range(const pliant_option *option, const char *word, char *reason, size_t size)
 {
     bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
-    snprintf(reason, size, "'%.80s' is not %s%s%s%s", word, integer ? "a whole number in " : "in ", range_of(option), option->unit[0] ? " " : "",
-             option->unit);
+    if (option->kind == PLIANT_OPTION_LENGTH)
+        snprintf(reason, size, "'%.80s' is neither in %g .. %g %s nor auto", word, option->low, option->high, option->unit);
+    else
+        snprintf(reason, size, "'%.80s' is not %s%s%s%s", word, integer ? "a whole number in " : "in ", range_of(option), option->unit[0] ? " " : "",
+                 option->unit);
     return reason;
 }
 
@@ -179,7 +186,8 @@ static size_t size_of(const pliant_option *option)
     case PLIANT_OPTION_BOOL: return sizeof(bool);
     case PLIANT_OPTION_INT: return sizeof(int32_t);
     case PLIANT_OPTION_INT3: return 3 * sizeof(int32_t);
-    case PLIANT_OPTION_REAL: return sizeof(double);
+    case PLIANT_OPTION_REAL:
+    case PLIANT_OPTION_LENGTH: return sizeof(double);
     case PLIANT_OPTION_REAL3: return 3 * sizeof(double);
     case PLIANT_OPTION_STRING: return sizeof((pliant_scene *)NULL)->scan.series;
     case PLIANT_OPTION_CHOICE: return sizeof(int);
@@ -202,6 +210,11 @@ static const char *read_word(const pliant_option *option, const char *word, int 
         break;
     case PLIANT_OPTION_REAL:
     case PLIANT_OPTION_REAL3: good = pliant_parse_real(word, (double *)place + k); break;
+    case PLIANT_OPTION_LENGTH:
+        good = strcmp(word, "auto") == 0;
+        if (good) *(double *)place = PLIANT_AUTO_LENGTH;
+        else good = pliant_parse_real(word, place) && *(double *)place != PLIANT_AUTO_LENGTH;
+        break;
     case PLIANT_OPTION_STRING:
         good = strlen(word) < size_of(option);
         if (!good) {
@@ -268,7 +281,7 @@ const char *pliant_option_check(const pliant_option *option, const pliant_scene 
         for (int k = 0; k < words_of(option); ++k) {
             bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
             value = integer ? ((const int32_t *)place)[k] : ((const double *)place)[k];
-            if (!(value >= option->low && value <= option->high)) {
+            if (!(value >= option->low && value <= option->high) && !is_auto(option, value)) {
                 char word[32];
                 snprintf(word, sizeof word, "%g", value);
                 return not_in_range(option, word, reason, size);
@@ -286,6 +299,7 @@ void pliant_option_set_default(const pliant_option *option, pliant_scene *scene)
         case PLIANT_OPTION_INT:
         case PLIANT_OPTION_INT3: ((int32_t *)place)[k] = (int32_t)option->value; break;
         case PLIANT_OPTION_REAL:
+        case PLIANT_OPTION_LENGTH:
         case PLIANT_OPTION_REAL3: ((double *)place)[k] = option->value; break;
         case PLIANT_OPTION_STRING: strcpy(place, option->string_value); break;
         case PLIANT_OPTION_CHOICE: *(int *)place = (int)option->value; break;

@@ -10,6 +10,7 @@ typedef enum pliant_option_kind {
     PLIANT_OPTION_INT3,
     PLIANT_OPTION_REAL,
     PLIANT_OPTION_REAL3,
+    PLIANT_OPTION_LENGTH, /* a real number, or auto */
     PLIANT_OPTION_STRING,
     PLIANT_OPTION_CHOICE
 } pliant_option_kind;

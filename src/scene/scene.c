@@ -93,7 +93,8 @@ static bool same_value(const pliant_option *option, const pliant_scene *a, const
     case PLIANT_OPTION_BOOL: return memcmp(x, y, sizeof(bool)) == 0;
     case PLIANT_OPTION_INT: return memcmp(x, y, sizeof(int32_t)) == 0;
     case PLIANT_OPTION_INT3: return memcmp(x, y, 3 * sizeof(int32_t)) == 0;
-    case PLIANT_OPTION_REAL: return memcmp(x, y, sizeof(double)) == 0;
+    case PLIANT_OPTION_REAL:
+    case PLIANT_OPTION_LENGTH: return memcmp(x, y, sizeof(double)) == 0;
     case PLIANT_OPTION_REAL3: return memcmp(x, y, 3 * sizeof(double)) == 0;
     case PLIANT_OPTION_STRING: return strcmp(x, y) == 0;
     case PLIANT_OPTION_CHOICE: return memcmp(x, y, sizeof(pliant_method)) == 0; /* enums are of one size */

@@ -27,6 +27,10 @@ static void add_value(pliant_text_out *text, const pliant_option *option, const 
         }
         pliant_text_add(text, "]");
         break;
+    case PLIANT_OPTION_LENGTH:
+        if (*(const double *)value == PLIANT_AUTO_LENGTH) pliant_text_add(text, "auto");
+        else pliant_text_add_real(text, *(const double *)value);
+        break;
     case PLIANT_OPTION_REAL: pliant_text_add_real(text, *(const double *)value); break;
     case PLIANT_OPTION_REAL3: pliant_text_add_reals(text, value, 3); break;
     case PLIANT_OPTION_STRING: pliant_text_add_quoted(text, value); break;

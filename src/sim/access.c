@@ -1,7 +1,9 @@
 /* What a model and a data tell of themselves. */
 #include "base/fail.h"
+#include "material/mixed.h"
 #include "sim/contact.h"
 
+#include <math.h>
 #include <string.h>
 
 const pliant_scene *pliant_model_get_scene(const pliant_model *model) { return &model->scene; }
@@ -10,6 +12,16 @@ const pliant_volume *pliant_model_get_drawn(const pliant_model *model) { return 
 const pliant_material_table *pliant_model_get_materials(const pliant_model *model) { return &model->materials; }
 const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model) { return model->material_of_voxel; }
 const pliant_body *pliant_model_get_body(const pliant_model *model) { return model->body; }
+
+uint8_t pliant_model_material_at(const pliant_model *model, const double rest[3])
+{
+    const pliant_geometry *scan = &model->scan->geometry;
+    double index[3];
+    int32_t at[3];
+    pliant_geometry_to_index(scan, rest, index);
+    for (int d = 0; d < 3; d++) at[d] = (int32_t)lround(fmin(fmax(index[d], 0), scan->size[d] - 1));
+    return pliant_material_shown(&model->materials, scan->size, model->material_of_voxel, at);
+}
 
 void pliant_model_get_statistics(const pliant_model *model, pliant_build_statistics *out)
 {

@@ -81,11 +81,9 @@ static pliant_status segment(const pliant_scene *scene, const pliant_volume *sca
 {
     if (scene->material.labels[0])
         return pliant_fail(PLIANT_ERROR_SCENE, "segment/kind: gmm makes labels, but material/labels names a label map: one of them is enough");
-    pliant_segment_options options = {.classes = scene->segment.classes, .most_classes = scene->segment.most_classes,
-                                      .coherence = scene->segment.coherence, .smallest = scene->segment.smallest,
-                                      .num_threads = scene->solver.threads,
-                                      .backend = scene->solver.backend};
+    pliant_segment_options options;
     pliant_segmentation found;
+    pliant_segment_options_from(scene, &scan->geometry, &options);
     pliant_status status = pliant_segment(scan, &options, &found);
     if (status != PLIANT_OK) return status;
     pliant_log(PLIANT_LOG_INFO, "segmentation: %d classes, %d pieces", found.num_classes, found.num_pieces);

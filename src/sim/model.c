@@ -9,6 +9,7 @@
 #include "scene/elements.h"
 #include "scene/options.h"
 #include "sim/fixed.h"
+#include "sim/lengths.h"
 #include "sim/slides.h"
 #include "warp/hidden.h"
 
@@ -114,6 +115,7 @@ static pliant_status mesh(builder *build)
     pliant_body *body = model->body;
     pliant_status status = cut_up(build);
     if (status == PLIANT_OK && model->scene.mesh.bone_surface) status = pliant_fixed_surface(model);
+    if (status == PLIANT_OK) pliant_model_set_lengths(model);
     return status == PLIANT_OK ? pliant_mesh_surface(&body->fine, &body->triangles, &body->num_triangles) : status;
 }
 

@@ -51,7 +51,7 @@ static double farthest_pull(const pliant_path *path)
 static pliant_status ask_for_volume(deform_run *run)
 {
     const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
-    const double margin = run->scene.warp.margin, pull = farthest_pull(&run->inputs->path);
+    const double margin = pliant_model_get_scene(run->model)->warp.margin, pull = farthest_pull(&run->inputs->path);
     pliant_geometry target;
     if (pull > margin)
         pliant_log(PLIANT_LOG_WARNING, "a tool pulls by %g m, the deformed volume has %g m of room around the tissue at rest: what is pulled further than "

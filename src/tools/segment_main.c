@@ -152,8 +152,8 @@ int main(int argc, char **argv)
     arguments.scene.segment.kind = PLIANT_SEGMENT_NONE;
     pliant_status status = pliant_material_table_default(&materials); /* not looked at: any scan will do */
     if (status >= 0) status = pliant_scan_inputs_read(scene, &materials, arguments.scan, &scan, &labels);
-    pliant_segment_options options = {scene->segment.classes, scene->segment.most_classes, scene->segment.coherence, scene->segment.smallest,
-                                      scene->solver.threads, scene->solver.backend};
+    pliant_segment_options options;
+    if (status >= 0) pliant_segment_options_from(scene, &scan.geometry, &options);
     double start = pliant_seconds();
     if (status >= 0) status = find_point(&arguments, &scan.geometry);
     if (status >= 0) status = pliant_segment(&scan, &options, &found);

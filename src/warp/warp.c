@@ -1,5 +1,6 @@
 /* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
 #include "base/fail.h"
+#include "base/free_memory.h"
 #include "pliant/memory.h"
 #include "warp/state.h"
 
@@ -89,7 +90,8 @@ pliant_status pliant_warp_create(const pliant_volume *scan, const pliant_mesh *m
     pliant_status status = check(scan, mesh, num_threads);
     if (status != PLIANT_OK) return status;
     pliant_volume volume = {0};
-    status = pliant_volume_create(target, scan->encoding, &volume);
+    status = pliant_memory_suffices((double)pliant_geometry_voxels(target) * (double)pliant_encoding_size(scan->encoding), "the deformed volume (warp/margin)");
+    if (status == PLIANT_OK) status = pliant_volume_create(target, scan->encoding, &volume);
     if (status != PLIANT_OK) return status;
     pliant_warp *warp = pliant_calloc(1, sizeof *warp);
     if (!warp) {

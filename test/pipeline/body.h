@@ -36,6 +36,10 @@ public:
         scene.solver.iterations = 200;
         scene.solver.tolerance = 1e-9;
         scene.solver.threads = 2;
+        // of a patient: the blocks are smaller
+        scene.grasp.radius = 0.006;
+        scene.cut.drag = 0.003;
+        scene.warp.margin = 0.03;
         pliant_geometry geometry{};
         for (int d = 0; d < 3; d++) {
             geometry.size[d] = size[d];

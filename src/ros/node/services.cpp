@@ -14,20 +14,6 @@ namespace {
 /* the one that works, and one that refuses meanwhile and resets or pauses */
 enum { SERVICE_THREADS = 2 };
 
-/* Of the scan's voxel at a place at rest. */
-uint16_t material_at(const pliant_model &model, const double rest[3])
-{
-    const pliant_geometry &grid = pliant_model_get_scan(&model)->geometry;
-    double index[3];
-    size_t voxel = 0, pitch = 1;
-    pliant_geometry_to_index(&grid, rest, index);
-    for (int d = 0; d < 3; ++d) {
-        voxel += pitch * static_cast<size_t>(std::lround(std::min(std::max(index[d], 0.0), grid.size[d] - 1.0)));
-        pitch *= static_cast<size_t>(grid.size[d]);
-    }
-    return pliant_model_get_voxel_materials(&model)[voxel];
-}
-
 float seconds_since(double start) { return static_cast<float>(pliant_seconds() - start); }
 
 bool is_phantom(const std::string &path) { return path == "phantom" || path.compare(0, 8, "phantom:") == 0; }
@@ -364,7 +350,7 @@ bool Services::pick(Pick::Request &request, Pick::Response &response)
         pliant_picked picked{};
         auto find = [&](const Warped &warped, const Snapshot &now) {
             picked = warped.pick(now.positions, ray, request.threshold);
-            if (picked.hit) response.material = material_at(*now.loaded->model, picked.rest);
+            if (picked.hit) response.material = pliant_model_material_at(now.loaded->model, picked.rest);
         };
         if (!volume_output_->look(find)) {
             Snapshot now = simulation_->snapshot();
