@@ -1,4 +1,4 @@
-/* Compressed pixels of DICOM: numbers of few bits stored in many, damaged images, what is not supported. The images
+/* Compressed pixels of DICOM: numbers of few bits stored in many, damaged images, unsupported codecs. The images
  * were encoded by OpenJPEG, CharLS and libjpeg: 4 x 3 numbers of 8 bits, or of 5. */
 #include "scan_files.h"
 
@@ -57,7 +57,7 @@ void save_coded(const temporary_folder &folder, const codec &codec, int allocate
 
 } // namespace
 
-/* The header of a file may store numbers in more bits than they have; the sign is that of the stored bits. */
+/* The header of a file may store numbers in more bits than they have; the highest stored bit is the sign. */
 TEST(Codecs, FewBitsStoredInMany)
 {
     for (const codec &codec : codecs())

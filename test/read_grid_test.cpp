@@ -28,7 +28,7 @@ std::string labels_of(const std::string &path, std::vector<uint16_t> *out)
 
 } // namespace
 
-/* Beside a good sform the sign of pixdim means nothing, nor does a pixdim that is no length. */
+/* A good sform has the spacing. The sign of pixdim means nothing, and pixdim may be no length. */
 TEST(NiftiGrid, TakesTheSpacingOfAGoodSform)
 {
     temporary_folder folder;

@@ -133,7 +133,7 @@ TEST(Stack, AGapNamesWhatWasLeftOut)
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"1 slice(s) missing"});
 }
 
-/* Decimals of ImagePositionPatient: at most 5 % of a step or 0.1 mm from an even place. */
+/* Rounded ImagePositionPatient: at most 5 % of a step or 0.1 mm from a regular position. */
 TEST(Stack, PlacesThatAreRounded)
 {
     const struct {
@@ -195,7 +195,7 @@ TEST(StackRefused, PlacesThatAreNotEven)
     }
 }
 
-/* Without TransferSyntaxUID the first element tells whether elements have types. */
+/* Without TransferSyntaxUID elements have types if the first one has. */
 TEST(Stack, WithoutATransferSyntax)
 {
     for (int variant = 0; variant < 8; variant++) {
@@ -270,7 +270,7 @@ TEST(Padding, ScaledSliceBySlice)
     }
 }
 
-/* A value that occurs between others and in no corner is no padding, whatever the header says. */
+/* A declared padding value is no padding if it lies between other values and occurs in no corner. */
 TEST(Padding, AValueOfTheImageItselfIsLeftAsItIs)
 {
     temporary_folder folder;
@@ -285,7 +285,7 @@ TEST(Padding, AValueOfTheImageItselfIsLeftAsItIs)
     expect_words(log.warnings(), {"PixelPaddingValue", "left as they are"});
 }
 
-/* In an MR padding that is dark stays what it is, and bright padding becomes the darkest value. */
+/* Dark padding of an MR keeps its value. Bright padding gets the darkest value. */
 TEST(Padding, OfAnMr)
 {
     for (uint16_t padding : {0, 4000}) {

@@ -200,7 +200,7 @@ inline void save_series(const temporary_folder &folder, int count)
     save_series(folder, count, [](int, dicom_file *) {});
 }
 
-/* What the library logs while this lives. */
+/* Collects the warnings of the library while it lives. */
 class log_catcher
 {
 public:

@@ -73,8 +73,8 @@ PLIANT_API float pliant_volume_value(const pliant_volume *volume, size_t index);
  *  @param value   (count) out */
 PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
 
-/** Read a scan: a folder with a DICOM series (an image per file, or enhanced and legacy converted CT and MR of several frames), or a file:
- *  DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
+/** Read a scan. It is a folder with a DICOM series (an image per file, or enhanced and legacy converted CT and MR of several frames). Or it
+ *  is a file: DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
  *  @param series       Nullable: DICOM SeriesInstanceUID (or its unique ending) where a folder holds several
  *  @param memory_limit maximum number of bytes for voxels, checked from the header before any is allocated; 0: the free memory
  *  Integer data whose rescaled values fit are kept as UINT8 or INT16 with slope 1, all else is FLOAT32. Slice spacing comes from positions.
@@ -82,7 +82,7 @@ PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, 
  *  MONOCHROME1 inverts intensities without a unit (smallest + largest - value); Hounsfield units, activities and counts keep their values.
  *  The image must be one regular 3-D grid with right angles of one finite value per voxel, and complete. Otherwise it is refused with the
  *  file and the reason. A child process decompresses JPEG, JPEG-LS and JPEG 2000 with GDCM, so that a damaged image cannot end this one.
- *  A warning tells of places that are rounded: at most 0.1 mm or 5 % of the slice spacing from regular ones.
+ *  Rounded slice positions, at most 0.1 mm or 5 % of the spacing from regular ones, are accepted with a warning.
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
 PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
 /** Read a label map: whole numbers in 0 .. 65535, to 1e-3 (scaled ones are rounded). A map without a label is read with a warning. */

@@ -1,8 +1,7 @@
 /* JPEG, JPEG-LS and JPEG 2000 images, decompressed by the GDCM that ITK reads DICOM with.
  *
- * GDCM asserts what it expects of an image, and a failed assertion ends the process. So a child process decompresses
- * every image and leaves the numbers in memory that both processes share. Whatever ends the child, the image is refused
- * and this process goes on. */
+ * A failed assertion of GDCM ends its process. So a child process decompresses every image and leaves the numbers in memory
+ * that both processes share. If the child ends without them, the image is refused. */
 #include "scan/read_dicom.h"
 
 #include <gdcmImageReader.h>
@@ -21,8 +20,7 @@ namespace pliant_read
 namespace
 {
 
-/* What the compressed image says of its numbers. The header of the file may declare more bits, in which the numbers are
- * then stored. */
+/* A compressed image and its own description of its numbers. The header of the file may store them in more bits. */
 struct coded_image {
     std::string bytes;
     int precision = 0; /* bits of a number */

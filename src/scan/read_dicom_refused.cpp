@@ -1,4 +1,4 @@
-/* DICOM files that hold no readable image, by their names, and how to go on with them. */
+/* Names of DICOM objects and compressions that are not supported, with remedies. */
 #include "scan/read_dicom.h"
 
 namespace pliant_read

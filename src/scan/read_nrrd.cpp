@@ -164,7 +164,7 @@ void space_signs(const text_header &header, double sign[3])
     fail(PLIANT_ERROR_FORMAT, "%s: %.0f values per voxel (%.40s); one is needed", header.path.c_str(), count, kind.c_str());
 }
 
-/* Fields that place the axes in a header without an orientation; empty if they are missing. */
+/* Fields on the positions of axes in a header without an orientation; empty if they are missing. */
 struct scalar_axes {
     std::vector<double> spacings, mins, maxs;
     std::vector<std::string> centers;

@@ -247,7 +247,7 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
     }
     if (!irregular && beside == 0.0) return line;
     pliant_log(PLIANT_LOG_WARNING,
-               "%s: places of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
+               "%s: the positions of slices are rounded: up to %.3g mm from a regular grid along the stack, %.3g mm sideways; "
                "taken as %.6g mm apart",
                folder.c_str(), off, beside, fitted.step);
     return fitted;
