@@ -35,7 +35,7 @@ class Table:
     @staticmethod
     def from_pylist(rows): return Table({name: [row[name] for row in rows] for name in rows[0]})
 table = Table
-def _write(table, path):
+def _write(table, path, dictionary_pagesize_limit=None):
     with open(path, "wb") as file: pickle.dump((table.columns, table.schema.metadata), file)
 def _read(path):
     with open(path, "rb") as file: return Table(*pickle.load(file))
@@ -70,7 +70,8 @@ class LeRobot(unittest.TestCase):
         pictures[...] = 10 * np.arange(rows)[:, None, None, None]
         pictures[:, :4, :, 0] = 200
         self.array = {"episodes": np.repeat([0, 1], LENGTHS), "state": random.normal(size=(rows, 19)), "action": random.normal(size=(rows, 10)),
-                      "image_eye_left": pictures}
+                      "image_eye_left": pictures, "index_eye_left": np.arange(rows) // 4}  # each is shown by four rows
+        pictures = self.array["image_eye_left"] = pictures[::4].copy()
         for name, each in self.array.items():
             np.save(os.path.join(self.arrays, name + ".npy"), each)
         with open(os.path.join(self.arrays, "columns.json"), "w") as file:
@@ -91,7 +92,8 @@ class LeRobot(unittest.TestCase):
         np.testing.assert_array_equal(np.array(columns["observation.state"], np.float32), self.array["state"][rows].astype(np.float32))
         np.testing.assert_array_equal(np.array(columns["action"], np.float32), self.array["action"][rows].astype(np.float32))
         self.assertEqual([columns["index"], set(columns["episode_index"])], [list(range(begin, begin + length)), {episode}])
-        self.assertTrue(all(each["bytes"].startswith(b"\x89PNG") for each in columns[CAMERA]))
+        png, index = runpy.run_path(PROGRAM)["png"], self.array["index_eye_left"][rows]
+        self.assertEqual([each["bytes"] for each in columns[CAMERA]], [png(self.array["image_eye_left"][n]) for n in index])
 
     def test_a_row_an_episode_tells_where_it_is(self):
         folder, info = self.make("3.0")
@@ -134,8 +136,8 @@ class LeRobot(unittest.TestCase):
         self.assertEqual(told["count"], [25])
         for name in ("min", "max", "mean", "std"):
             np.testing.assert_allclose(told[name], getattr(self.array["state"], name)(axis=0), rtol=1e-12)
-        pictures = program["statistics"](self.array["image_eye_left"])
-        np.testing.assert_allclose(pictures["mean"], self.array["image_eye_left"].mean(axis=(0, 1, 2)).reshape(3, 1, 1) / 255)
+        pictures = program["statistics"](program["Pictures"](self.array["image_eye_left"], self.array["index_eye_left"]))
+        np.testing.assert_allclose(pictures["mean"], self.array["image_eye_left"][self.array["index_eye_left"]].mean(axis=(0, 1, 2)).reshape(3, 1, 1) / 255)
 
     def test_pictures_are_png(self):
         picture = self.array["image_eye_left"][3]
@@ -156,7 +158,7 @@ class LeRobot(unittest.TestCase):
             each, then = told[row], row if row in (14, 24) else row + 1
             np.testing.assert_array_equal(each["observation.state"].numpy(), self.array["state"][row].astype(np.float32))
             np.testing.assert_array_equal(each["action"].numpy(), self.array["action"][[row, then]].astype(np.float32))
-            np.testing.assert_array_equal(np.round(255 * each[CAMERA].numpy()), self.array["image_eye_left"][row].transpose(2, 0, 1))
+            np.testing.assert_array_equal(np.round(255 * each[CAMERA].numpy()), self.array["image_eye_left"][self.array["index_eye_left"][row]].transpose(2, 0, 1))
             self.assertEqual(each["task"], "retract")
 
 

@@ -56,12 +56,38 @@ def write_video(path, pictures, fps):
         sys.exit("ffmpeg could not write " + path)
 
 
+class Pictures:
+    """The recorded pictures of a camera, and which of them each row shows: a picture is stored once, though rows come more often."""
+
+    def __init__(self, recorded, index):
+        self.recorded, self.index, self.ndim = recorded, index, recorded.ndim
+        self.shape = (len(index),) + recorded.shape[1:]
+
+    def __len__(self):
+        return len(self.index)
+
+    def __getitem__(self, rows):
+        return Pictures(self.recorded, self.index[rows])
+
+    def __iter__(self):
+        return (self.recorded[number] for number in self.index)
+
+    def files(self):
+        """Of each row, its picture as png."""
+        made = {}
+        for number in self.index:
+            if number not in made:
+                made = {number: png(self.recorded[number])}  # rows go on: no older one comes again
+            yield made[number]
+
+
 def statistics(values):
     """Of one episode; of pictures by colour, from 0 to 1, over at most 100 of them and about 150 pixels of each side."""
     pictures = values.ndim == 4
     if pictures:
         pixels = max(1, max(values.shape[1:3]) // 150)
-        values = values[::-(-len(values) // 100), ::pixels, ::pixels]
+        few = values[::-(-len(values) // 100)]
+        values = few.recorded[few.index][:, ::pixels, ::pixels]
     count = len(values)
     if pictures:
         values = values.reshape(-1, 3) / 255.0
@@ -89,13 +115,18 @@ class Dataset:
         with open(os.path.join(arrays, "columns.json")) as file:
             self.columns = json.load(file)
         self.episodes, self.state, self.action = self.load("episodes"), self.load("state"), self.load("action")
-        pictures = {name: self.load("image_" + name) for name in self.columns["images"]}
+        pictures = {name: self.load_pictures(name) for name in self.columns["images"]}
         self.pictures = {"observation.images." + name: each for name, each in pictures.items() if each.ndim == 4}
         even = [key for key, each in self.pictures.items() if each.shape[1] % 2 == 0 and each.shape[2] % 2 == 0]
         self.videos = even if shutil.which("ffmpeg") else []
 
     def load(self, name):
         return np.load(os.path.join(self.arrays, name + ".npy"), mmap_mode="r")
+
+    def load_pictures(self, name):
+        recorded = self.load("image_" + name)
+        is_indexed = os.path.exists(os.path.join(self.arrays, "index_%s.npy" % name))  # older exports have a picture a row
+        return Pictures(recorded, np.asarray(self.load("index_" + name)) if is_indexed else np.arange(len(recorded)))
 
     def path(self, name):
         path = os.path.join(self.folder, name)
@@ -136,7 +167,7 @@ class Dataset:
             if key in self.videos:
                 write_video(self.path(VIDEO[self.layout].format(video_key=key, **where)), array, self.columns["fps"])
             elif key in self.pictures:
-                files = [{"bytes": png(each), "path": "frame_%06d.png" % n} for n, each in enumerate(array)]
+                files = [{"bytes": each, "path": "frame_%06d.png" % n} for n, each in enumerate(array.files())]
                 columns[key] = pa.array(files, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
                 kinds[key] = {"_type": "Image"}
             elif array.ndim == 2:
@@ -146,7 +177,8 @@ class Dataset:
                 columns[key] = pa.array(array)
                 kinds[key] = {"dtype": str(array.dtype), "_type": "Value"}
         table = pa.table(columns).replace_schema_metadata({"huggingface": json.dumps({"info": {"features": kinds}})})
-        pa.parquet.write_table(table, self.path(DATA[self.layout].format(**where)))
+        # equal pictures are stored once, in the column's dictionary, however large it is
+        pa.parquet.write_table(table, self.path(DATA[self.layout].format(**where)), dictionary_pagesize_limit=1 << 30)
         return {key: statistics(array) for key, array in values.items()}
 
     def write(self):

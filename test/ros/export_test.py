@@ -83,7 +83,7 @@ class Export(unittest.TestCase):
 
     def assert_arrays(self, folder):
         array = {name[:-4]: np.load(folder + "/" + name) for name in os.listdir(folder) if name.endswith(".npy")}
-        self.assertEqual(sorted(array), ["action", "episodes", "image_eye_left", "image_eye_left_label", "state", "steps", "times"])
+        self.assertEqual(sorted(array), ["action", "episodes", "image_eye_left", "image_eye_left_label", "index_eye_left", "index_eye_left_label", "state", "steps", "times"])
         with open(folder + "/columns.json") as file:
             columns = json.load(file)
         self.assertEqual(columns["state"], [name + "/" + each for name in ("grasper", "/PSM1") for each in MOTION + SENSE])
@@ -103,10 +103,13 @@ class Export(unittest.TestCase):
         for row in range(19):  # the next row's motion; an episode's last has its own
             then = array["state"][row if row in (11, 18) else row + 1].reshape(2, -1)[:, :10]
             np.testing.assert_array_equal(array["action"][row], then.ravel())
+        for name in ("eye_left", "eye_left_label"):  # each once
+            self.assertEqual(len(array["image_" + name]), array["index_" + name].max() + 1)
+            self.assertEqual(len(np.unique(array["image_" + name], axis=0)), len(array["image_" + name]))
         for row, t in enumerate(times):
             seen = np.arange(72).reshape(4, 6, 3) + 10 * (np.searchsorted([picture_time(n) for n in range(20)], t + 1e-6) - 1)
-            np.testing.assert_array_equal(array["image_eye_left"][row], seen[:, :, ::-1])  # red first
-            np.testing.assert_array_equal(array["image_eye_left_label"][row], seen.reshape(-1)[:24].reshape(4, 6))
+            np.testing.assert_array_equal(array["image_eye_left"][array["index_eye_left"][row]], seen[:, :, ::-1])  # red first
+            np.testing.assert_array_equal(array["image_eye_left_label"][array["index_eye_left_label"][row]], seen.reshape(-1)[:24].reshape(4, 6))
         return array
 
     def test_arrays_are_the_bag(self):
@@ -114,6 +117,16 @@ class Export(unittest.TestCase):
         self.assertEqual(code, 0, errors)
         self.assertIn("19 rows of 2 episodes, 2 tools and 2 cameras", said)
         self.assert_arrays(self.folder + "/arrays")
+
+    def test_a_picture_that_many_rows_show_is_stored_once(self):
+        folder = self.folder + "/often"
+        code, _, errors = self.run_bag("--export", "numpy", "--rate", "200", "--out", folder)
+        self.assertEqual(code, 0, errors)
+        times, pictures, index = (np.load(folder + "/%s.npy" % name) for name in ("times", "image_eye_left", "index_eye_left"))
+        self.assertGreater(len(times), 300)
+        self.assertEqual([len(pictures), len(index)], [19, len(times)])  # the last of 20 comes after the last step
+        newest = np.searchsorted([picture_time(n) for n in range(20)], times + 1e-6) - 1
+        np.testing.assert_array_equal(pictures[index][:, 0, 0, 2], 10 * newest)
 
     def test_lerobot_has_its_layout_or_says_what_is_missing(self):
         folder = self.folder + "/dataset"
@@ -150,7 +163,7 @@ class Export(unittest.TestCase):
             if info["features"][key]["dtype"] == "video":
                 self.assertGreater(os.path.getsize(folder + "/" + info["video_path"].format(**where)), 100)
             else:
-                self.assert_png(table[key][-1]["bytes"], array["image_eye_left"][rows][-1])
+                self.assert_png(table[key][-1]["bytes"], array["image_eye_left"][array["index_eye_left"][rows][-1]])
             begin += length
         code, _, errors = self.run_bag("--export", "lerobot", "--out", folder)
         self.assertEqual(code, 1)

@@ -43,6 +43,7 @@ struct Pictures {
     std::string name, topic, encoding;
     double first;
     uint32_t width, height;
+    std::vector<int64_t> shown; /* of each row, the recorded picture that is newest then, from 0 */
     bool colours() const { return encoding == "rgb8" || encoding == "bgr8"; }
     bool real() const { return encoding == "32FC1"; }
     size_t row_size() const { return size_t(width) * (colours() ? 3 : real() ? 4 : 1); } /* of one line [bytes] */
@@ -78,6 +79,8 @@ private:
     void choose_rows();
     Motion motion(const Row &row, size_t tool) const;
     void write_rows() const;
+    void find_shown(Pictures *pictures) const;
+    void write_index(const Pictures &pictures) const;
     void write_pictures(const Pictures &pictures) const;
     void write_columns() const;
 
@@ -157,7 +160,7 @@ void Export::find_pictures()
         const std::string end = "/image_raw";
         if (name.size() > end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0) name.resize(name.size() - end.size());
         std::replace(name.begin(), name.end(), '/', '_');
-        pictures_.push_back({name, topic, image->encoding, since_start(*view.begin()), image->width, image->height});
+        pictures_.push_back({name, topic, image->encoding, since_start(*view.begin()), image->width, image->height, {}});
     }
 }
 
@@ -215,27 +218,50 @@ void Export::write_rows() const
     for (NpyFile *file : {&times, &episodes, &steps, &state, &action}) file->close();
 }
 
+/* By the times alone: no picture is read. */
+void Export::find_shown(Pictures *pictures) const
+{
+    rosbag::View view(bag_, rosbag::TopicQuery(pictures->topic));
+    auto row = rows_.begin();
+    int64_t newest = -1;
+    for (const rosbag::MessageInstance &recorded : view) {
+        for (; row != rows_.end() && row->time + SLACK < since_start(recorded); ++row) pictures->shown.push_back(newest);
+        ++newest;
+    }
+    pictures->shown.resize(rows_.size(), newest);
+}
+
+/* Rows as they go on never show an older picture, so the pictures that are shown are counted as they come. */
+void Export::write_index(const Pictures &pictures) const
+{
+    NpyFile file(folder_ + "/index_" + pictures.name + ".npy", "i8", {rows_.size()});
+    int64_t index = 0;
+    for (size_t r = 0; r < rows_.size(); ++r) {
+        if (r > 0 && pictures.shown[r] != pictures.shown[r - 1]) ++index;
+        file.append(&index, sizeof index);
+    }
+    file.close();
+}
+
 void Export::write_pictures(const Pictures &pictures) const
 {
-    std::vector<size_t> shape = {rows_.size(), pictures.height, pictures.width};
+    const std::set<int64_t> wanted(pictures.shown.begin(), pictures.shown.end());
+    std::vector<size_t> shape = {wanted.size(), pictures.height, pictures.width};
     if (pictures.colours()) shape.push_back(3);
     NpyFile file(folder_ + "/image_" + pictures.name + ".npy", pictures.real() ? "f4" : "u1", shape);
     const size_t line = pictures.row_size();
     std::vector<uint8_t> picture(line * pictures.height);
-    auto row = rows_.begin();
-    auto write_until = [&](double time) {
-        for (; row != rows_.end() && row->time + SLACK < time; ++row) file.append(picture.data(), picture.size());
-    };
-    read<sensor_msgs::Image>(pictures.topic, [&](double time, const sensor_msgs::Image &image) {
-        write_until(time);
+    int64_t number = -1;
+    read<sensor_msgs::Image>(pictures.topic, [&](double, const sensor_msgs::Image &image) {
+        if (wanted.count(++number) == 0) return;
         const bool same = image.width == pictures.width && image.height == pictures.height && image.encoding == pictures.encoding;
         if (!same || image.step < line || image.data.size() < size_t(image.step) * image.height)
             throw Failure(PLIANT_ERROR_FORMAT, pictures.topic + ": a picture is of another size or encoding than the first");
         for (size_t y = 0; y < image.height; ++y) std::copy_n(&image.data[y * image.step], line, &picture[y * line]);
         if (pictures.encoding == "bgr8")
             for (size_t i = 0; i < picture.size(); i += 3) std::swap(picture[i], picture[i + 2]);
+        file.append(picture.data(), picture.size());
     });
-    write_until(HUGE_VAL);
     file.close();
 }
 
@@ -267,7 +293,11 @@ std::string Export::run()
     find_pictures();
     choose_rows();
     write_rows();
-    for (const Pictures &pictures : pictures_) write_pictures(pictures);
+    for (Pictures &pictures : pictures_) {
+        find_shown(&pictures);
+        write_index(pictures);
+        write_pictures(pictures);
+    }
     write_columns();
     return std::to_string(rows_.size()) + " rows of " + std::to_string(rows_.back().episode + 1) + " episodes, " + std::to_string(tools_.size()) +
            " tools and " + std::to_string(pictures_.size()) + " cameras in " + folder_ + "\n";
