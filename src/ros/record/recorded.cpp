@@ -101,13 +101,12 @@ bool has_mesh(const pliant_mesh &mesh, const MeshTopology &recorded, std::string
 
 std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies, std::string *why)
 {
-    const char *id = loaded.scan->volume.id;
     std::shared_ptr<const pliant_body> body = share(pliant_model_get_body(loaded.model));
     const std::shared_ptr<const pliant_body> near = bodies->newest;
     bodies->last_revision = std::max(bodies->last_revision, body->revision);
     if (near && !near->subdivision && begins(*near, recorded)) body = near;
-    if (recorded.scan_id != id) {
-        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + id + "\": name that scan";
+    if (!is_id_of(recorded.scan_id, *loaded.scan)) {
+        *why = "the recording is of scan \"" + recorded.scan_id + "\", the one here is \"" + loaded.scan->volume.id + "\": name that scan";
     } else if (recorded.scan_checksum != loaded.scan->checksum) {
         *why = "the voxels of \"" + recorded.scan_id +
                "\" are not those of the recording: same name, but another scan or size";

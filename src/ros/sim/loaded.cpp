@@ -1,6 +1,8 @@
 #include "ros/sim/loaded.h"
 
 #include <algorithm>
+#include <cinttypes>
+#include <cstdio>
 #include <thread>
 
 namespace pliant_ros {
@@ -28,12 +30,40 @@ uint64_t checksum(const pliant_volume &volume)
     return hash(hash(0xcbf29ce484222325u, head, sizeof head), volume.voxels, bytes);
 }
 
+const size_t HEX = 16; /* digits of a checksum */
+
+/* of an id, without the checksum at its end, if there is one */
+std::string name_in(const std::string &id)
+{
+    if (id.size() <= HEX || id[id.size() - HEX - 1] != '-') return id;
+    const bool is_checksum = id.find_first_not_of("0123456789abcdef", id.size() - HEX) == std::string::npos;
+    return is_checksum ? id.substr(0, id.size() - HEX - 1) : id;
+}
+
+/* Folders of different patients often have one name: the checksum of voxels and geometry makes the id unique. */
+void make_unique(uint64_t voxels, pliant_volume *volume)
+{
+    const pliant_geometry &geometry = volume->geometry;
+    uint64_t sum = hash(voxels, geometry.origin, sizeof geometry.origin);
+    sum = hash(hash(sum, geometry.spacing, sizeof geometry.spacing), geometry.direction, sizeof geometry.direction);
+    char end[HEX + 2];
+    std::snprintf(end, sizeof end, "-%0*" PRIx64, static_cast<int>(HEX), sum);
+    const std::string id = std::string(volume->id).substr(0, sizeof volume->id - sizeof end) + end;
+    std::copy_n(id.c_str(), id.size() + 1, volume->id);
+}
+
 } // namespace
 
 Scan::~Scan()
 {
     pliant_volume_free(&volume);
     pliant_labels_free(&labels);
+}
+
+bool is_id_of(const std::string &id, const Scan &scan)
+{
+    const std::string own = scan.volume.id;
+    return name_in(id) == name_in(own) || (id.size() > HEX && id.compare(id.size() - HEX, HEX, own, own.size() - HEX, HEX) == 0);
 }
 
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials)
@@ -52,6 +82,7 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
     }
     scan->path = path;
     scan->checksum = checksum(scan->volume);
+    make_unique(scan->checksum, &scan->volume);
     if (scan->labels.voxels)
         scan->labels_checksum = hash(0xcbf29ce484222325u, scan->labels.voxels, pliant_geometry_voxels(&scan->labels.geometry) * sizeof *scan->labels.voxels);
     return scan;

@@ -59,7 +59,10 @@ inline uint32_t revision_of(const Loaded &loaded, uint64_t body) { return loaded
 /* Of a scene: as many as it says, or as the machine has cores. */
 int threads_of(const pliant_scene &scene);
 
-/* Throw Failure. Materials that are empty are read as the scene says; others are used as they are. */
+/* Whether a recorded scan_id can be of a scan: it has the same name (older recordings have no checksum in it), or the scan has been renamed. */
+bool is_id_of(const std::string &id, const Scan &scan);
+
+/* The volume's id becomes its name and a checksum of voxels and geometry: "liver.nii.gz-0123456789abcdef". Throw Failure. Materials that are empty are read as the scene says; others are used as they are. */
 std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::string &path, Materials *materials);
 std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
                               const pliant_material_table &materials, pliant_progress progress);

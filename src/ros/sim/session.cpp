@@ -30,7 +30,7 @@ std::string name_of(const std::string &path) { return path.substr(path.find_last
 
 bool fits(const Scan &scan, const Session &session)
 {
-    return scan.checksum == session.scan_checksum && scan.labels_checksum == session.labels_checksum && scan.volume.id == session.scan_id;
+    return scan.checksum == session.scan_checksum && scan.labels_checksum == session.labels_checksum && is_id_of(session.scan_id, scan);
 }
 
 } // namespace
