@@ -1,6 +1,8 @@
 #define _POSIX_C_SOURCE 200809L
 #include "console.h"
 
+#include "stop.h"
+
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -32,12 +34,7 @@ static void print_log(pliant_log_level level, const char *message, void *user)
 
 void console_start(pliant_log_level quietest)
 {
-    struct sigaction action;
-    memset(&action, 0, sizeof action);
-    action.sa_handler = ask_stop;
-    action.sa_flags = (int)SA_RESETHAND;
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    stop_on_signals(ask_stop);
     lowest = quietest;
     if (quietest > PLIANT_LOG_INFO && !freopen("/dev/null", "w", stdout)) fputs("/dev/null cannot be opened: tables are printed\n", stderr);
     terminal = isatty(STDERR_FILENO);

@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* Log lines from `quietest` up go to stderr; Ctrl-C and SIGTERM ask the program to stop (a second one ends it at once).
+/* Log lines from `quietest` up go to stderr; Ctrl-C and SIGTERM ask the program to stop, which takes a second at most (stop.h).
  * Above INFO nothing goes to stdout from here on. */
 void console_start(pliant_log_level quietest);
 

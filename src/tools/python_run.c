@@ -1,8 +1,12 @@
 #define _POSIX_C_SOURCE 200809L
 #include "python_run.h"
 
+#include <signal.h>
 #include <stddef.h>
 #include <stdio.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -10,6 +14,9 @@ int python_run(const char *const *words)
 {
     pid_t child = fork();
     if (child == 0) {
+#ifdef __linux__
+        prctl(PR_SET_PDEATHSIG, SIGTERM); /* a program that is ended does not leave its script running */
+#endif
         execvp(words[0], (char *const *)words);
         _exit(127);
     }

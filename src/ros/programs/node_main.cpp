@@ -2,6 +2,8 @@
 #include "ros/node/refused.h"
 #include "ros/params/start.h"
 
+#include "stop.h"
+
 #include <ros/ros.h>
 
 #ifdef __GLIBC__
@@ -10,7 +12,8 @@
 
 int main(int argc, char **argv)
 {
-    ros::init(argc, argv, "sim");
+    ros::init(argc, argv, "sim", ros::init_options::NoSigintHandler);
+    stop_on_signals([](int) { ros::requestShutdown(); }); /* also during a load, or a step of a large model */
 #ifdef __GLIBC__
     mallopt(M_MMAP_THRESHOLD, 1 << 20); /* volumes come and go: what is freed goes back to the system, in place of holes in the heap of every thread */
 #endif

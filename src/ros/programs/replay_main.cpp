@@ -2,6 +2,8 @@
  * scan is loaded, and plays these bags from so many seconds on; described: they say what the models are. */
 #include "ros/record/replay.h"
 
+#include "stop.h"
+
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 
@@ -40,8 +42,7 @@ void leave_the_clock()
 int main(int argc, char **argv)
 {
     ros::init(argc, argv, "replay", ros::init_options::NoSigintHandler);
-    std::signal(SIGINT, end);
-    std::signal(SIGTERM, end);
+    stop_on_signals(end);
     const pliant_ros::Playing playing = playing_of(argc, argv);
     int code = 0;
     try {
