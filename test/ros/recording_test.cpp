@@ -1,5 +1,5 @@
-// Sessions of every engine with cuts, recorded as the node records them, into a bag: made again from there, each turn to the bit. On a GPU where
-// there is one, then of all engines. No master, no clock.
+// Sessions of every engine with cuts are recorded as the node records them, into a bag, and computed again from there, each turn to the bit. They
+// run on a GPU where there is one. No master, no clock.
 #include "../pipeline/adapt_cases.h"
 #include "ros/record/rerun.h"
 
@@ -7,6 +7,7 @@
 #include <rosbag/view.h>
 
 #include <cstdlib>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace {
@@ -144,8 +145,6 @@ bool has_gpu()
 struct EveryEngine : testing::TestWithParam<Case> {};
 TEST_P(EveryEngine, IsMadeAgainFromItsBag)
 {
-    const std::string name = GetParam().name;
-    if (!has_gpu() && name != "direct" && name != "hexahedra" && name != "averaged" && name != "octree_hexahedra" && name != "tled") GTEST_SKIP() << "on a GPU";
     const Session session(GetParam());
     const std::shared_ptr<const Loaded> loaded = session.loaded;
     ASSERT_TRUE(loaded->model);
@@ -172,5 +171,43 @@ INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain, coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra, octree,
                                          octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic, relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
+
+// a scan in a folder of its own
+std::shared_ptr<const pliant_ros::Scan> scan_in(const std::string &folder, const std::string &name, uint8_t first, double spacing)
+{
+    const std::string path = testing::TempDir() + folder + std::to_string(getpid());
+    EXPECT_EQ(mkdir(path.c_str(), 0777), 0);
+    Body body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}});
+    static_cast<uint8_t *>(body.scan.voxels)[0] = first;
+    body.scan.geometry.spacing[0] = spacing;
+    EXPECT_EQ(pliant_volume_write((path + "/" + name).c_str(), &body.scan), PLIANT_OK) << pliant_last_error();
+    pliant_ros::Materials materials;
+    EXPECT_EQ(pliant_material_table_copy(&body.table, &materials.table), PLIANT_OK);
+    auto scan = pliant_ros::read_scan(body.scene, path + "/" + name, &materials);
+    std::remove((path + "/" + name).c_str());
+    rmdir(path.c_str());
+    return scan;
+}
+
+TEST(ScanId, TellsPatientsApartWhoseFilesHaveOneName)
+{
+    using pliant_ros::is_id_of;
+    const auto one = scan_in("one", "SCAN.nii.gz", 0, 0.01), again = scan_in("again", "SCAN.nii.gz", 0, 0.01), renamed = scan_in("renamed", "other.nii.gz", 0, 0.01);
+    const auto voxels = scan_in("voxels", "SCAN.nii.gz", 1, 0.01), longer = scan_in("longer", "SCAN.nii.gz", 0, 0.011);
+    const std::string id = one->volume.id;
+    EXPECT_EQ(id.substr(0, 12), "SCAN.nii.gz-");
+    EXPECT_EQ(id.size(), 28u);
+    EXPECT_EQ(id, again->volume.id);
+    EXPECT_NE(id, voxels->volume.id);
+    EXPECT_NE(id, longer->volume.id);
+    EXPECT_TRUE(is_id_of(id, *again));
+    EXPECT_TRUE(is_id_of(id, *renamed));
+    EXPECT_TRUE(is_id_of("SCAN.nii.gz", *one)) << "an older recording";
+    EXPECT_FALSE(is_id_of("other.nii.gz", *one));
+    EXPECT_FALSE(is_id_of(voxels->volume.id, *renamed));
+    const std::string longest = scan_in("long", std::string(120, 'n') + ".nii", 0, 0.01)->volume.id;
+    EXPECT_EQ(longest.substr(108, 3), "nn-");
+    EXPECT_EQ(longest.size(), 127u);
+}
 
 } // namespace
