@@ -3,7 +3,7 @@
 
 #include "stop.h"
 
-#include <signal.h>
+#include <signal.h> /* sig_atomic_t */
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>

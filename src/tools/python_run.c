@@ -1,6 +1,8 @@
 #define _POSIX_C_SOURCE 200809L
 #include "python_run.h"
 
+#include "stop.h"
+
 #include <signal.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -14,6 +16,7 @@ int python_run(const char *const *words)
 {
     pid_t child = fork();
     if (child == 0) {
+        stop_signals_in_child();
 #ifdef __linux__
         prctl(PR_SET_PDEATHSIG, SIGTERM); /* a program that is ended does not leave its script running */
 #endif

@@ -3,39 +3,57 @@
 
 #include "command_line.h" /* EXIT_STOPPED */
 
+#include <pthread.h>
 #include <signal.h>
-#include <string.h>
-#include <sys/time.h>
+#include <stddef.h>
+#include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 static void (*told)(int number);
 
-static void end(int number)
+static sigset_t signals_of_stop(void)
 {
-    (void)number;
-    _exit(EXIT_STOPPED);
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGTERM);
+    return set;
 }
 
-static void begin_to_stop(int number)
+static void *wait_for_signals(void *unused)
 {
-    const struct itimerval left = {.it_value = {.tv_usec = 800000}};
+    const sigset_t set = signals_of_stop();
+    const struct timespec left = {.tv_nsec = 700000000};
+    int number;
+    while (sigwait(&set, &number) != 0) {}
     told(number);
-    setitimer(ITIMER_REAL, &left, NULL);
+    sigtimedwait(&set, NULL, &left); /* or a second signal */
+    _exit(EXIT_STOPPED);
+    return unused;
 }
 
-static void handle(int number, void (*handler)(int), int flags)
+/* OpenBLAS begins threads before main, which would take the signals. It ends them at a fork, and later begins others that inherit the mask. */
+static void end_early_threads(void)
 {
-    struct sigaction action;
-    memset(&action, 0, sizeof action);
-    action.sa_handler = handler;
-    action.sa_flags = flags;
-    sigaction(number, &action, NULL);
+    const pid_t child = fork();
+    if (child == 0) _exit(0);
+    if (child > 0) waitpid(child, NULL, 0);
 }
 
 void stop_on_signals(void (*asked)(int number))
 {
+    const sigset_t set = signals_of_stop();
+    pthread_t thread;
     told = asked;
-    handle(SIGALRM, end, 0);
-    handle(SIGINT, begin_to_stop, (int)SA_RESETHAND);
-    handle(SIGTERM, begin_to_stop, (int)SA_RESETHAND);
+    if (pthread_sigmask(SIG_BLOCK, &set, NULL) != 0) return;
+    end_early_threads();
+    if (pthread_create(&thread, NULL, wait_for_signals, NULL) == 0) pthread_detach(thread);
+    else pthread_sigmask(SIG_UNBLOCK, &set, NULL); /* signals end the program as they do by default */
+}
+
+void stop_signals_in_child(void)
+{
+    const sigset_t set = signals_of_stop();
+    sigprocmask(SIG_UNBLOCK, &set, NULL);
 }

@@ -304,6 +304,27 @@ class FaultTest(unittest.TestCase):
             self.assertEqual(ended.returncode, 1, name)
             self.assertIn(named, ended.stdout)
 
+    def test_a_node_that_loads_or_steps_ends_within_a_second(self):
+        rospy.set_param("/ending/sim/mesh", {"coarse_cells": [24, 20, 20], "ratio": 2})
+        command = [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/ending", "__name:=sim", "_solver/preconditioner:=direct"]
+        state = Latest("/ending/state", SimState)
+        for number, scan, wanted in ((signal.SIGINT, "phantom:120x90x80", SimState.LOADING), (signal.SIGTERM, "phantom:120x90x80", SimState.LOADING),
+                                     (signal.SIGTERM, SMALL, SimState.RUNNING)):
+            if wanted == SimState.RUNNING:
+                rospy.delete_param("/ending/sim/mesh")
+            state.message = None
+            node = subprocess.Popen(command + ["_scan/path:=" + scan])
+            self.addCleanup(node.wait)
+            self.addCleanup(node.kill)
+            wait_for(lambda: state.message and state.message.state == wanted, "the node")
+            time.sleep(1)
+            self.assertIsNone(node.poll())
+            begin = time.monotonic()
+            node.send_signal(number)
+            node.wait(30)
+            self.assertLess(time.monotonic() - begin, 1)
+        state.close()
+
     def test_the_tissue_and_the_arms_lie_where_files_say(self):
         folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, folder)

@@ -5,6 +5,7 @@ import math
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -118,6 +119,18 @@ class RerunTest(unittest.TestCase):
                 if message is not None:
                     out.write(topic, message, when)
         return path
+
+    def test_what_is_told_to_stop_ends_within_a_second(self):
+        for number, words in ((signal.SIGTERM, ["--simulate"]), (signal.SIGINT, ["--every", "0.01", "--out", self.folder + "/stopped"])):
+            process = subprocess.Popen(["pliant_bag", self.bag, "--scan", SCAN, "--scene", self.scene] + words, stderr=subprocess.PIPE, universal_newlines=True)
+            self.addCleanup(process.wait)
+            self.addCleanup(process.kill)
+            while not re.search("steps|volumes", process.stderr.readline()):
+                self.assertIsNone(process.poll())
+            begin = time.monotonic()
+            process.send_signal(number)
+            self.assertEqual(process.wait(30), 130)
+            self.assertLess(time.monotonic() - begin, 1)
 
     def test_every_turn_is_recorded(self):
         first = [step.sequence for step in self.steps].index(1)
