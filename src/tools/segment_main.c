@@ -28,7 +28,7 @@ static const char help[] =
     "  --at X,Y,Z         print the piece at this point [m, LPS], and draw the pictures through it\n"
     "  --help             print this and end\n"
     "\n"
-    "Exit codes: 0 done, 1 failed, 2 wrong usage.\n";
+    "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.\n";
 
 typedef struct segment_arguments {
     pliant_scene scene;
