@@ -35,7 +35,7 @@ class Table:
     @staticmethod
     def from_pylist(rows): return Table({name: [row[name] for row in rows] for name in rows[0]})
 table = Table
-def _write(table, path, dictionary_pagesize_limit=None):
+def _write(table, path, dictionary_pagesize_limit=0):
     with open(path, "wb") as file: pickle.dump((table.columns, table.schema.metadata), file)
 def _read(path):
     with open(path, "rb") as file: return Table(*pickle.load(file))
@@ -121,6 +121,14 @@ class LeRobot(unittest.TestCase):
             begin += row["length"]
         self.assertEqual(begin, 25)
         self.assert_lerobot_reads(folder, info)
+
+    @unittest.skipIf(beside, "pyarrow is missing")
+    def test_a_picture_that_many_rows_show_is_stored_once(self):
+        pictures = np.random.default_rng(2).integers(0, 255, (7, 301, 301, 3), np.uint8)  # noise: a png is as large
+        np.save(os.path.join(self.arrays, "image_eye_left.npy"), pictures)
+        folder = self.make("2.1")[0]
+        size = sum(os.path.getsize(os.path.join(place, name)) for place, _, names in os.walk(folder) for name in names)
+        self.assertLess(size, 1.3 * pictures.nbytes)  # a row a picture: 3.6; one is in both episodes
 
     def test_what_is_missing_is_told_before_anything_is_written(self):
         folder = os.path.join(self.temporary.name, "none")
