@@ -48,6 +48,7 @@ int main(int argc, char **argv)
     try {
         pliant_ros::Replay replay(ros::NodeHandle(), ros::NodeHandle("~"), playing);
         while (playing.goes_on()) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.1));
+        replay.tell();
         leave_the_clock();
         ros::shutdown();
     } catch (const std::exception &wrong) {

@@ -70,9 +70,13 @@ Replay::~Replay()
     topologies_.shutdown();
     states_.shutdown();
     steps_.shutdown();
-    /* rosconsole is down by now */
+}
+
+void Replay::tell() const
+{
     std::printf("replay: %lu states shown, %lu dropped\n", static_cast<unsigned long>(shown_), static_cast<unsigned long>(dropped_));
     if (rerun_) std::printf("replay: %s\n", rerun_->summary().c_str());
+    std::fflush(stdout); /* the process may be ended at any time */
 }
 
 /* What a player that begins later does not play. */
@@ -280,7 +284,7 @@ bool Replay::waits(const Pending &next) const
 
 void Replay::work_off()
 {
-    while (true) {
+    while (playing_.goes_on()) {
         const bool is_next = !pending_.empty() && (!waits(pending_.front()) || (coming_.empty() && is_late(pending_.front().arrival)));
         if (is_next) {
             take_pending(pending_.front());

@@ -37,6 +37,8 @@ public:
        The player begins once there are connections to it, and from who listens to the volume already, so that neither misses anything. */
     Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing);
     ~Replay();
+    /* Print how many states were shown and steps computed, without rosconsole, which may be down. */
+    void tell() const;
 
 private:
     struct Pending {
