@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
-#include "stop.h"
+#include "tools/stop.h"
 
-#include "command_line.h" /* EXIT_STOPPED */
+#include "tools/command_line.h" /* EXIT_STOPPED */
 
 #include <pthread.h>
 #include <signal.h>
