@@ -390,7 +390,8 @@ TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
         EXPECT_GE(value, low[node] - 1e-4);
         EXPECT_LE(value, high[node] + 1e-4);
     }
-    for (const char *name : {"von_mises_pa_coronal.png", "volume_ratio_axial.png", "elements_000002.csv", "surface.ply", "surface_000002.ply", "axial_000002.png", "von_mises_pa_000002_sagittal.png"})
+    for (const char *name : {"von_mises_pa_coronal.png", "volume_ratio_axial.png", "elements_000002.csv", "surface.ply", "surface_000002.ply", "axial_000002.png",
+                             "von_mises_pa_000002_sagittal.png", "mesh_coronal.png", "mesh_000002_axial.png"})
         EXPECT_EQ(access(in(std::string("s/") + name).c_str(), R_OK), 0) << name;
     EXPECT_EQ(run("--out x --scalars von_mises,none"), 2);
     EXPECT_EQ(run("--out x --scalars von_mises,von_mises"), 2);

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <fstream>
 #include <gtest/gtest.h>
 #include <itkImage.h>
 #include <itkImageFileReader.h>
@@ -231,6 +232,40 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     const std::string absent = std::string(folder_) + "/absent";
     EXPECT_EQ(picture_mesh_write(absent.c_str(), "", &shown, point), PLIANT_ERROR_FILE);
     for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/mesh_" + std::string(plane.name) + ".png")).c_str());
+}
+
+// Pixels of a colour in a picture.
+int count(const std::string &path, int red, int green, int blue)
+{
+    auto reader = itk::ImageFileReader<Image>::New();
+    reader->SetImageIO(itk::PNGImageIO::New());
+    reader->SetFileName(path);
+    reader->Update();
+    const auto size = reader->GetOutput()->GetLargestPossibleRegion().GetSize();
+    int found = 0;
+    for (size_t n = 0; n < size[0] * size[1]; ++n) {
+        const auto &pixel = reader->GetOutput()->GetBufferPointer()[n];
+        found += pixel[0] == red && pixel[1] == green && pixel[2] == blue;
+    }
+    return found;
+}
+
+// [C] figure 4: the parallelogram of a cut is in the picture of its step alone, where a tool presses the mesh is red
+TEST_F(Picture, AMeshShowsTheCutsOfItsStepAndWhereAToolPresses)
+{
+    const std::string out = std::string(folder_) + "/cut", path = std::string(folder_) + "/path.yaml";
+    std::ofstream(path) << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.03}]}\n"
+                           "    poses: [{time: 0, position: [0, -0.25, 0]}, {time: 0.04, position: [0, -0.15, 0]}]\n"
+                           "cuts: [{time: 0.04, points: [[-0.3, -0.3, 0.01], [-0.1, -0.3, 0.01]], depth: [0, 0.5, 0]}]\n";
+    const std::string command = PLIANT_DEFORM " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set cut/kind=sever --steps 3 --every 1 --pictures --quiet --tools " +
+                                path + " --out " + out + " 2> " + out + ".log";
+    ASSERT_EQ(std::system(command.c_str()), 0);
+    EXPECT_EQ(count(out + "/mesh_000001_coronal.png", 255, 255, 255), 0);
+    EXPECT_GT(count(out + "/mesh_000002_coronal.png", 255, 255, 255), 50);
+    EXPECT_EQ(count(out + "/mesh_000003_coronal.png", 255, 255, 255), 0);
+    EXPECT_EQ(count(out + "/mesh_000001_sagittal.png", 230, 25, 25), 0) << "the ball is still in air";
+    EXPECT_GT(count(out + "/mesh_000003_sagittal.png", 230, 25, 25), 20);
+    EXPECT_EQ(std::system(("rm -r " + out + " " + out + ".log " + path).c_str()), 0);
 }
 
 } // namespace
