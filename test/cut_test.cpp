@@ -2,6 +2,8 @@
 #include "cuts.h"
 #include "cut/work.h"
 
+#include <array>
+
 namespace {
 
 const int size[3] = {40, 20, 20};
@@ -43,6 +45,59 @@ void expect_shares(const pliant_body &load, const pliant_body &now)
     }
 }
 
+// Each modulus of a fragment is its voxels' part of the tetrahedron's: of lambda by their lambda, of mu by their mu. Returns how many were compared.
+int expect_voxels_moduli(const pliant_body &now)
+{
+    const pliant_voxels &voxels = *now.voxels;
+    const pliant_cuts &cuts = *now.cuts;
+    std::set<int32_t> with_chips;
+    for (int32_t c = 0; c < cuts.num_chips; c++) {
+        const int32_t tet = cuts.chip[2 * c + 1];
+        with_chips.insert(cuts.chip[2 * c]);
+        with_chips.insert(now.tet_parent ? now.tet_parent[tet] : tet);
+    }
+    int compared = 0;
+    for (int32_t i = 0; i < cuts.num_tets; i++) {
+        const int32_t tet = cuts.tet[i], count = voxels.start[tet + 1] - voxels.start[tet];
+        if (with_chips.count(tet) || cuts.start[i + 1] - cuts.start[i] < 2) continue;
+        double all[3] = {0, 0, 0};
+        std::map<int32_t, std::array<double, 3>> part;
+        for (int32_t v = 0; v < count; v++) {
+            const pliant_tet_material &one = voxels.of_material[voxels.material[voxels.start[tet] + v]];
+            const double its[3] = {one.lambda, one.mu, one.density};
+            for (int m = 0; m < 3; m++) {
+                all[m] += its[m];
+                part[cuts.voxel_fragment[cuts.voxel_start[i] + v]][static_cast<size_t>(m)] += its[m];
+            }
+        }
+        const pliant_tet_material &load = voxels.load[tet];
+        for (const auto &each : part) {
+            const pliant_tet_material &fragment = now.fine_material[each.first];
+            EXPECT_NEAR(fragment.lambda, load.lambda * each.second[0] / all[0], 1e-9 * load.lambda) << "tetrahedron " << tet;
+            EXPECT_NEAR(fragment.mu, load.mu * each.second[1] / all[1], 1e-9 * load.mu) << "tetrahedron " << tet;
+            EXPECT_NEAR(fragment.density, load.density * each.second[2] / all[2], 1e-9 * load.density) << "tetrahedron " << tet;
+            compared++;
+        }
+    }
+    return compared;
+}
+
+// Cut off at a corner of the body: a single voxel keeps its links, three voxels in a row come off.
+TEST(Cut, ThreeVoxelsComeOffAndOneDoesNot)
+{
+    for (int voxels : {1, 3}) {
+        auto block = bar();
+        const double side = 0.005, end = 0.2 - voxels * side, beyond = 0.3;
+        const std::vector<double> from{beyond, side, -0.1, beyond, side, side, beyond, -0.1, side};
+        std::vector<double> to = from;
+        for (size_t p = 0; p < 3; p++) to[3 * p] = end - 0.0004;
+        ASSERT_TRUE(block->cut(from, to));
+        EXPECT_EQ(num_pieces(*block->now), 1);
+        block->cut({end, -0.1, -0.1, end, side + 0.0004, -0.1}, {end, -0.1, side + 0.0004, end, side + 0.0004, side + 0.0004});
+        EXPECT_EQ(num_pieces(*block->now), voxels == 3 ? 2 : 1) << voxels;
+    }
+}
+
 TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
 {
     auto block = bar();
@@ -56,6 +111,7 @@ TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
     EXPECT_NEAR(block->report.area, 0.01 * std::sqrt(1.05), 0.02 * 0.01);
     EXPECT_NEAR(block->report.area_of[0] + block->report.area_of[1], block->report.area, 1e-12);
     expect_shares(block->load(), *block->now);
+    EXPECT_GT(expect_voxels_moduli(*block->now), 50);
     EXPECT_FALSE(block->cut_plane(point, normal)) << "again: nothing is left to be severed";
     EXPECT_EQ(block->report.num_links, 0);
     // the rest voxels on either side are what hangs together

@@ -364,6 +364,39 @@ TEST_P(EveryKind, ShearStressRelaxesAsThePronySeriesSays)
     }
 }
 
+// The mode +-1 of all three axes, amplitude a along each axis in turn: the deviatoric energy of the trilinear displacement, mean over the axes, is
+// V mu a^2 20/81 (1/h_x^2 + 1/h_y^2 + 1/h_z^2). A corner's force is its derivative, over the eight corners that move alike.
+TEST(Tled, AHexahedronsTwistCostsTheDeviatoricEnergyOfItsTrilinearField)
+{
+    const int size[3] = {2, 2, 2};
+    const double box[3] = {0.01, 0.012, 0.008}, amplitude = 1e-6;
+    Body one(size, box, {{3000, 0.45, 1000, false}});
+    one.scene.element.kind = PLIANT_HEXAHEDRA;
+    one.scene.solver.kind = PLIANT_TLED;
+    one.cells(1, 1, 1, 1);
+    one.fix_plane(0, 0, 1e-6, 0, 0, 1);
+    ASSERT_EQ(one.build(), PLIANT_OK) << pliant_last_error();
+    const pliant_mesh &mesh = one.model->body->fine;
+    ASSERT_EQ(mesh.num_nodes, 8);
+    double volume = 1, squares = 0;
+    for (int d = 0; d < 3; d++) {
+        volume *= mesh.cell_size[d];
+        squares += 1 / (mesh.cell_size[d] * mesh.cell_size[d]);
+    }
+    const double expected = volume * moduli(3000, 0.45).mu * amplitude * 40.0 / 81 * squares / 8;
+    std::vector<double> sign(8, 1);
+    for (int32_t n = 0; n < 8; n++)
+        for (int d = 0; d < 3; d++) sign[static_cast<size_t>(n)] *= mesh.rest[3 * n + d] > mesh.corner[d] + 0.5 * mesh.cell_size[d] ? 1 : -1;
+    for (int along = 0; along < 3; along++) {
+        for (int32_t n = 0; n < 8; n++) one.data->tled->u[3 * n + along] = amplitude * sign[static_cast<size_t>(n)];
+        const std::vector<double> force = nodal_forces(one);
+        for (int32_t n = 0; n < 8; n++) {
+            one.data->tled->u[3 * n + along] = 0;
+            EXPECT_NEAR(force[3 * static_cast<size_t>(n) + static_cast<size_t>(along)], sign[static_cast<size_t>(n)] * expected, 1e-3 * expected) << n;
+        }
+    }
+}
+
 double deflection(double poisson, bool nodal)
 {
     Bar bar(3, 12, 0.08, {5e3, poisson, 1000, false});
@@ -378,6 +411,27 @@ double deflection(double poisson, bool nodal)
     for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
         if (bar.model->body->fine.rest[3 * n + 2] > 0.08 - 1e-6) sum += (bar.data->positions[3 * n] - bar.model->body->fine.rest[3 * n]) / 16;
     return sum;
+}
+
+// Stretched by e along its axis alone, a bar of one material has the stress (lambda + 2 mu) e, with pressures at nodes as with those of elements.
+TEST(Tled, NodalPressureOfAUniformStretchIsThatOfTheMaterial)
+{
+    for (double poisson : {0.3, 0.49}) {
+        Bar bar(2, 4, 0.04, {5e3, poisson, 1000, false});
+        bar.scene.tled.nodal_pressure = true;
+        ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
+        const double stretch = 1e-4;
+        Matrix f = Matrix::Identity();
+        f(2, 2) += stretch;
+        put(bar, f);
+        const std::vector<double> force = nodal_forces(bar);
+        double sum = 0;
+        for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++)
+            if (bar.model->body->fine.rest[3 * n + 2] > 0.04 - 1e-6) sum += force[3 * static_cast<size_t>(n) + 2];
+        const Moduli m = moduli(5e3, poisson);
+        const double expected = (m.lambda + 2 * m.mu) * stretch * 0.02 * 0.02;
+        EXPECT_NEAR(sum, expected, 2e-3 * expected) << "nu " << poisson;
+    }
 }
 
 TEST(Tled, NodalPressureUnlocks)
