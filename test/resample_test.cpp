@@ -234,8 +234,9 @@ TEST(Reorder, RoundedOriginsAndAxes)
     const struct {
         double angle, shift, stretch;
         bool same;
-    } cases[] = {{1.3e-4, 0, 0, true},     {2e-4, 0, 0, true},  {0, 3e-6, 0, true},  {0, 0, 2e-4, true},
-                 {2e-4, 3e-6, 1e-4, true}, {0, 2e-4, 0, false}, {1e-2, 0, 0, false}, {0, 0, 1e-2, false}};
+    } cases[] = {{1.3e-4, 0, 0, true}, {2e-4, 0, 0, true},       {0, 3e-6, 0, true},
+                 {0, 0, 2e-4, true},   {2e-4, 3e-6, 1e-4, true}, {0, 2e-4, 0, true},
+                 {0, 3e-4, 0, false},  {1e-2, 0, 0, false},      {0, 0, 1e-2, false}};
     for (const auto &one : cases) {
         pliant_geometry off = grid;
         off.direction[0] = off.direction[4] = std::cos(one.angle);
@@ -249,7 +250,12 @@ TEST(Reorder, RoundedOriginsAndAxes)
         ASSERT_EQ(pliant_labels_create(&off, &labels), PLIANT_OK);
         const size_t voxels = pliant_geometry_voxels(&grid);
         for (size_t n = 0; n < voxels; n++) labels.voxels[n] = uint16_t(n);
+        static std::string said;
+        said.clear();
+        pliant_set_log([](pliant_log_level, const char *message, void *) { said += message; }, nullptr);
         const pliant_status status = pliant_labels_reorder(&labels, &grid);
+        pliant_set_log(nullptr, nullptr);
+        EXPECT_EQ(said.find("nearest voxel") != std::string::npos, one.shift == 2e-4) << said;
         EXPECT_EQ(status, one.same ? PLIANT_OK : PLIANT_ERROR_ARGUMENT)
             << one.angle << " " << one.shift << " " << one.stretch;
         if (one.same) {

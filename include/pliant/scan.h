@@ -88,7 +88,7 @@ PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series
 /** Read a label map: whole numbers in 0 .. 65535, to 1e-3 (scaled ones are rounded). A map without a label is read with a warning. */
 PLIANT_API pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
-/** Put labels on the scan's grid, from which no corner is more than a tenth of a voxel away. Their axes may be turned. They may be cropped
+/** Put labels on the scan's grid, from which no corner is more than a quarter voxel away. Their axes may be turned. They may be cropped
  *  to a part of the scan, with a warning. No value changes. Errors (labels untouched): ARGUMENT (other grids, with what differs), MEMORY. */
 PLIANT_API pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid);
 
