@@ -40,7 +40,7 @@ struct ReportedBeam : Beam {
 
 // Converged sags of quadratic hexahedra, neo-Hookean: 6.87 mm at nu 0.45, 6.75 mm at 0.499; what corotational elements converge to is farther at 0.499,
 // where hexahedra of 2.5 mm sag by 6.757 mm and still by 0.07 mm more than those of 5 mm: 6.80 mm. The tip moves farthest, and is farthest off.
-TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOneAndAHalf)
+TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOnePointThree)
 {
     const double poisson[2] = {0.45, 0.499}, converged[2] = {6.87e-3, 6.80e-3};
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
@@ -52,8 +52,8 @@ TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOneAndAHalf)
             const double truth = converged[n] - beam.sag();
             std::printf("%s, cells of %d mm, nu %.3f: sag off by %.3f mm, estimated %.3f mm, order %.2f, solver %.4f mm\n", kind == PLIANT_LINEAR ? "linear" : "hexahedra",
                         30 / across, poisson[n], 1e3 * truth, 1e3 * worst.mesh.max, worst.order, 1e3 * worst.solver.max);
-            EXPECT_LT(worst.mesh.max, 1.5 * std::fabs(truth));
-            EXPECT_GT(worst.mesh.max, std::fabs(truth) / 1.5);
+            EXPECT_LT(worst.mesh.max, 1.3 * std::fabs(truth));
+            EXPECT_GT(worst.mesh.max, std::fabs(truth) / 1.3);
             EXPECT_EQ(beam.cell("larger"), "mesh");
             EXPECT_NE(beam.cell("advice").find("mesh/ratio"), std::string::npos);
         }

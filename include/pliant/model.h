@@ -41,8 +41,8 @@ PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pli
 PLIANT_API void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
 PLIANT_API void pliant_model_free(pliant_model *model); /**< Nullable */
 
-/** By how much default lengths are multiplied for a body: 1 for bodies of 50 to 600 mm (cube root of the tissue's volume), in proportion to smaller
- *  and larger ones. @param labels Nullable. Errors: those of pliant_material_classify. */
+/** Compute the factor of default lengths for a body. It is 1 for bodies of 50 to 600 mm (cube root of the tissue's volume) and in proportion to smaller
+ *  and larger bodies. @param labels Nullable. Errors: as pliant_material_classify. */
 PLIANT_API pliant_status pliant_length_scale(const pliant_volume *scan, const pliant_labels *labels, const pliant_material_table *materials, double *out);
 
 /** What a model was built from and holds; constant, valid until pliant_model_free. */

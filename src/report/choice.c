@@ -256,7 +256,9 @@ static void prepare(const pliant_report_input *input, pliant_report_tables *tabl
     pliant_sweep_defaults(scene, settings);
     settings->cases = CASES;
     settings->frames = FRAMES;
-    for (int d = 0; d < 3; d++) settings->pull[d] *= (double)FRAMES / 30; /* at the same speed */
+    double scale = 1;
+    (void)pliant_length_scale(input->scan, input->labels, input->materials, &scale); /* an error is found again as the model is built */
+    for (int d = 0; d < 3; d++) settings->pull[d] *= scale * (double)FRAMES / 30; /* at the same speed */
     settings->reference_tolerance = fmin(reference_tolerance, 0.1 * scene->solver.tolerance);
     settings->most_ms = scene->choose.budget_ms;
     settings->paced = true;

@@ -9,7 +9,9 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double inside = 0.006; /* a pulled point lies this far behind the front [m] */
+/* Lengths of a patient; those of other bodies are in proportion (pliant_length_scale) [m] */
+static const double inside = 0.006; /* a pulled point lies this far behind the front */
+static const double near = 0.01;    /* it is found this near to the middle of an organ; fronts of a body are this far apart at least */
 
 /* the voxels of one kind: of a label, or of a material */
 typedef struct front_voxels {
@@ -17,6 +19,7 @@ typedef struct front_voxels {
     const uint16_t *labels; /* Nullable */
     const uint8_t *materials;
     int32_t wanted;
+    double scale; /* of lengths */
 } front_voxels;
 
 static bool is_wanted(const front_voxels *voxels, size_t v)
@@ -31,7 +34,7 @@ static void world_of(const pliant_geometry *geometry, size_t v, double world[3])
     pliant_geometry_to_world(geometry, index, world);
 }
 
-/* most anterior voxel within 1 cm of the line through the centroid; false: there are none */
+/* most anterior voxel near the line through the centroid; false: there are none */
 static bool find_front(const front_voxels *voxels, double out[3])
 {
     size_t size = pliant_geometry_voxels(voxels->geometry), count = 0;
@@ -46,12 +49,12 @@ static bool find_front(const front_voxels *voxels, double out[3])
     for (size_t v = 0; count > 0 && v < size; v++) {
         if (!is_wanted(voxels, v)) continue;
         world_of(voxels->geometry, v, world);
-        if (hypot(world[0] - centre[0], world[2] - centre[2]) > 0.01 || world[1] >= best) continue;
+        if (hypot(world[0] - centre[0], world[2] - centre[2]) > near * voxels->scale || world[1] >= best) continue;
         best = world[1];
         memcpy(out, world, sizeof world);
     }
     if (!isfinite(best)) return false;
-    out[1] += inside;
+    out[1] += inside * voxels->scale;
     return true;
 }
 
@@ -86,7 +89,7 @@ static int organ_fronts(const pliant_report_input *input, front_voxels *voxels, 
 typedef struct front_column { double world[3]; } front_column;
 
 /* For every line of voxels from anterior to posterior: the first soft voxel that lies behind at least `inside` of tissue. */
-static size_t body_columns(const pliant_report_input *input, const uint8_t *materials, front_column *out)
+static size_t body_columns(const pliant_report_input *input, const uint8_t *materials, double scale, front_column *out)
 {
     const pliant_geometry *g = &input->scan->geometry;
     int along = 0;
@@ -94,7 +97,7 @@ static size_t body_columns(const pliant_report_input *input, const uint8_t *mate
         if (fabs(g->direction[3 + v]) > fabs(g->direction[3 + along])) along = v;
     int a = (along + 1) % 3, b = (along + 2) % 3, forward = g->direction[3 + along] > 0 ? 1 : -1;
     size_t stride[3] = {1, (size_t)g->size[0], (size_t)g->size[0] * (size_t)g->size[1]}, count = 0;
-    int32_t deep = (int32_t)fmax(ceil(inside / g->spacing[along]), 1);
+    int32_t deep = (int32_t)fmax(ceil(inside * scale / g->spacing[along]), 1);
     for (int32_t p = 0; p < g->size[a]; p++)
         for (int32_t q = 0; q < g->size[b]; q++)
             for (int32_t n = 0, tissue = 0; n < g->size[along]; n++) {
@@ -111,14 +114,14 @@ static size_t body_columns(const pliant_report_input *input, const uint8_t *mate
 }
 
 /* The column nearest to the middle, then always the one farthest from those taken, within the middle two thirds of the body. */
-static int body_fronts(const pliant_report_input *input, const uint8_t *materials, int most, pliant_pull_point *out)
+static int body_fronts(const pliant_report_input *input, const uint8_t *materials, double scale, int most, pliant_pull_point *out)
 {
     const pliant_geometry *g = &input->scan->geometry;
     size_t voxels = pliant_geometry_voxels(g), shortest = (size_t)g->size[0];
     for (int d = 1; d < 3; d++) shortest = (size_t)g->size[d] < shortest ? (size_t)g->size[d] : shortest;
     front_column *columns = pliant_calloc(voxels / shortest, sizeof *columns);
     if (!columns) return 0;
-    size_t count = body_columns(input, materials, columns);
+    size_t count = body_columns(input, materials, scale, columns);
     double middle[3] = {0, 0, 0}, reach[3] = {0, 0, 0};
     for (size_t c = 0; c < count; c++)
         for (int d = 0; d < 3; d++) middle[d] += columns[c].world[d] / (double)count;
@@ -133,7 +136,7 @@ static int body_fronts(const pliant_report_input *input, const uint8_t *material
             if (fabs(w[0] - middle[0]) > 0.6 * reach[0] || fabs(w[2] - middle[2]) > 0.6 * reach[2]) continue;
             double score = found ? INFINITY : -hypot(w[0] - middle[0], w[2] - middle[2]);
             for (int f = 0; f < found; f++) score = fmin(score, hypot(w[0] - out[f].rest[0], w[2] - out[f].rest[2]));
-            if (score <= best || (found && score < 0.01)) continue;
+            if (score <= best || (found && score < near * scale)) continue;
             best = score;
             taken = c;
         }
@@ -155,6 +158,7 @@ int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, 
     int threads = pliant_threads_begin(input->scene->solver.threads);
     pliant_status status = pliant_material_classify(input->materials, input->scan, input->labels, materials);
     pliant_threads_end(threads);
+    if (status >= 0) status = pliant_length_scale(input->scan, input->labels, input->materials, &kind.scale);
     if (status < 0) goto done;
     if (num_labels > 0) {
         if (!input->labels) goto done;
@@ -166,7 +170,7 @@ int pliant_pull_points(const pliant_report_input *input, const int32_t *labels, 
         goto done;
     }
     found = organ_fronts(input, &kind, most, out);
-    if (found == 0) found = body_fronts(input, materials, most, out);
+    if (found == 0) found = body_fronts(input, materials, kind.scale, most, out);
 done:
     pliant_free(materials);
     return found;

@@ -49,7 +49,7 @@ pliant_status block_create(const int32_t size[3], const double box[3], block_pai
     out->table.materials = out->materials;
     out->table.num_materials = 4;
     pliant_scene_defaults(&out->scene);
-    /* as of a patient, whatever the block's size: cases that stretch it stay comparable */
+    /* lengths of a patient, so that blocks of different sizes stay comparable */
     out->scene.grasp.radius = 0.006;
     out->scene.cut.drag = 0.003;
     out->scene.warp.margin = 0.03;

@@ -34,8 +34,8 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
 }
 
 /* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them. Stored integers span
- * at least a bin each: bins narrower than a step of the values would stay empty in between. A picture of a few integers, as a mask is, has
- * no such in-between: each integer is a spike in bins of its own. */
+ * at least a bin each: bins narrower than a step of the values would stay empty in between. In a picture of a few integers, such as a
+ * mask, each integer is a spike. */
 void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram)
 {
     const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);

@@ -25,7 +25,8 @@ static const char help[] =
     "  --materials A,B    whose moduli are looked for, at most 8\n"
     "  --load FILE        tool path (YAML) of a load: what holds at its end, gravity too; once for each load (default: one load, the\n"
     "                     scene's own gravity)\n"
-    "  --deviation D      standard deviation of a measured number [m], where a line has none (default: 0.0005)\n"
+    "  --deviation D      standard deviation of a measured number [m], where a line has none (default: 0.0005; for bodies\n"
+    "                     below 50 mm or above 600 mm, cube root of the tissue's volume, in proportion)\n"
     "  --set OPTION=VALUE change a scene option; may be repeated\n"
     "  --quiet            no progress and no table, warnings and errors only\n"
     "  --help             print this and end\n"
@@ -45,11 +46,13 @@ static const struct option options[] = {
     {"help", no_argument, NULL, HELP},                 {NULL, 0, NULL, 0},
 };
 
+static const double usual_deviation = 5e-4; /* for a patient [m] */
+
 typedef struct fit_arguments {
     pliant_scene scene;
     const char *scan, *markers, *folder, *loads[MOST_LOADS], *names[PLIANT_MAX_MODULI];
     int num_loads, num_names;
-    double deviation;
+    double deviation; /* 0: the usual one */
     bool quiet;
 } fit_arguments;
 
@@ -71,7 +74,7 @@ static bool read_names(char *text, fit_arguments *out)
 
 static bool read_arguments(int argc, char **argv, fit_arguments *out, int *exit_code)
 {
-    *out = (fit_arguments){.deviation = 5e-4};
+    *out = (fit_arguments){.deviation = 0};
     pliant_scene_defaults(&out->scene);
     *exit_code = EXIT_USAGE;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;) {
@@ -139,9 +142,12 @@ int main(int argc, char **argv)
     pliant_moduli found;
     pliant_moduli_data data = {.num_loads = arguments.num_loads > 0 ? arguments.num_loads : 1, .loads = arguments.num_loads > 0 ? loads : NULL};
     pliant_status status = command_line_folder(arguments.folder);
-    if (status >= 0) status = pliant_markers_read(arguments.markers, arguments.deviation, &data.num_markers, &markers);
-    for (; status >= 0 && num_loads < arguments.num_loads; ++num_loads) status = pliant_path_read(arguments.loads[num_loads], &loads[num_loads]);
+    double deviation = arguments.deviation, scale = 1;
     if (status >= 0) status = pliant_inputs_read(&arguments.scene, arguments.scan, &scan, &labels, &materials);
+    if (status >= 0 && deviation == 0) status = pliant_length_scale(&scan, labels.voxels ? &labels : NULL, &materials, &scale);
+    if (deviation == 0) deviation = usual_deviation * scale;
+    if (status >= 0) status = pliant_markers_read(arguments.markers, deviation, &data.num_markers, &markers);
+    for (; status >= 0 && num_loads < arguments.num_loads; ++num_loads) status = pliant_path_read(arguments.loads[num_loads], &loads[num_loads]);
     data.markers = markers;
     const pliant_report_input input = {&arguments.scene, &scan, labels.voxels ? &labels : NULL, &materials};
     if (status >= 0) status = pliant_moduli_fit(&input, &data, arguments.num_names, arguments.names, console_progress(), &found);

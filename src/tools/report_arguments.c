@@ -40,7 +40,7 @@ static const char help[] =
     "  --labels 5,20       pull at the fronts of these labels\n"
     "  --points N          most points to pull at, where neither is given\n"
     "  --pull X,Y,Z        where a pulled point ends, from where it was [m] (default: 0.004,-0.029,0.006;\n"
-    "                      a hundredth of it for solver/kind tled)\n"
+    "                      a hundredth of it for solver/kind tled; in proportion for bodies below 50 mm or above 600 mm)\n"
     "  --frames N          of a pull (default: 30)\n"
     "  --repeats N         runs of the same; the quickest of each frame is told, for a machine that does other work too\n"
     "  --twice N           most tetrahedra of the mesh of twice the resolution, which is solved too (0: never)\n"
@@ -235,7 +235,7 @@ static bool read_one(int code, report_arguments *out)
         good = read_number("--points", optarg, 1, PLIANT_MAX_PULLS, &number);
         out->num_points = (int)number;
         break;
-    case PULL: good = read_vector("--pull", optarg, sweep->pull); break;
+    case PULL: good = out->pull_given = read_vector("--pull", optarg, sweep->pull); break;
     case FRAMES:
         good = read_number("--frames", optarg, 1, 1e4, &number);
         sweep->frames = (int32_t)number;

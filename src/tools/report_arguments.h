@@ -22,6 +22,7 @@ typedef struct report_arguments {
     int32_t labels[PLIANT_MAX_PULLS];
     int num_labels, num_points;   /* most points to pull at, where none are given */
     pliant_stability stability;
+    bool pull_given;              /* else it is scaled to the body */
     bool do_sweep, do_truth, do_left_out, do_stability, stability_on_scan, pictures, quiet;
 } report_arguments;
 

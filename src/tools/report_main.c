@@ -43,6 +43,10 @@ static pliant_status read_inputs(report_program *program)
     program->input = (pliant_report_input){&arguments->scene, &program->scan, program->labels.voxels ? &program->labels : NULL, &program->materials};
     const int32_t *size = program->scan.geometry.size;
     printf("%s: %d x %d x %d voxels, read in %.2f s\n", program->scan.id, (int)size[0], (int)size[1], (int)size[2], pliant_seconds() - start);
+    double scale;
+    status = pliant_length_scale(&program->scan, program->input.labels, &program->materials, &scale);
+    if (status < 0) return status;
+    for (int d = 0; d < 3 && !arguments->pull_given; d++) sweep->pull[d] *= scale;
     if (sweep->num_points == 0)
         sweep->num_points = pliant_pull_points(&program->input, arguments->labels, arguments->num_labels,
                                                arguments->num_labels ? arguments->num_labels : arguments->num_points, sweep->points);

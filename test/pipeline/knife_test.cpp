@@ -117,7 +117,7 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, width * height, 0.05 * width * height);
     EXPECT_NEAR(work, toughness * told.severed_area, 0.12 * toughness * told.severed_area);
-    EXPECT_NEAR(work / height, toughness * width, 0.15 * toughness * width) << "mean force on its way through the tissue";
+    EXPECT_NEAR(work / height, toughness * width, 0.12 * toughness * width) << "mean force on its way through the tissue";
     const double peak = *std::max_element(forces.begin(), forces.end());
     EXPECT_GT(peak, 1.5 * toughness * width);
     EXPECT_LT(peak, 3.5 * toughness * width);
@@ -145,7 +145,7 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
         }
         if (std::getenv("PLIANT_FIGURES")) std::printf("%.1f mm a step: area %.4f of the section's, work %.4f of toughness times area, peak %.3f of toughness times width\n", 1e3 * way, area / (4 * width * height), work / (toughness * area), most / (toughness * width));
         EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height) << way;
-        EXPECT_NEAR(work, toughness * area, 0.1 * toughness * area) << way;
+        EXPECT_NEAR(work, toughness * area, 0.06 * toughness * area) << way;
         EXPECT_LT(most, 2.01 * toughness * width) << way;
     }
 }
@@ -175,7 +175,7 @@ TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
     }
     if (std::getenv("PLIANT_FIGURES")) std::printf("area %.4f, work %.4f of toughness times area, peak %.3f\n", area / (4 * width * height), work / (toughness * area), most / (toughness * width));
     EXPECT_NEAR(area, 4 * width * height, 0.01 * 4 * width * height);
-    EXPECT_NEAR(work, toughness * area, 0.2 * toughness * area);
+    EXPECT_NEAR(work, toughness * area, 0.14 * toughness * area);
     EXPECT_LT(most, 2.5 * toughness * width);
 }
 

@@ -1,5 +1,6 @@
 // Lengths that are auto follow from the size of the body; those of patients are what they are.
 #include "pipeline/body.h"
+#include "pliant/report.h"
 #include "pliant/session.h"
 
 #include <array>
@@ -106,6 +107,20 @@ TEST(Lengths, AVolumeThatCannotBeHeldIsRefused)
     pliant_warp *warp = nullptr;
     EXPECT_EQ(pliant_warp_create(&body.scan, &body.model->body->fine, &target, 1, &warp), PLIANT_ERROR_MEMORY);
     EXPECT_NE(std::string(pliant_last_error()).find("the deformed volume (warp/margin)"), std::string::npos) << pliant_last_error();
+}
+
+// Reports and the choice of settings pull small bodies, too: 6 mm behind the front, by 3 cm, is outside of them.
+TEST(Lengths, OfReportsFollowFromTheBody)
+{
+    Block small(0.0013), patient(0.2);
+    double scale = 0;
+    for (Block *body : {&small, &patient}) {
+        const pliant_report_input input{&body->scene, &body->scan, nullptr, &body->table};
+        pliant_pull_point points[3];
+        ASSERT_EQ(pliant_length_scale(&body->scan, nullptr, &body->table, &scale), PLIANT_OK) << pliant_last_error();
+        EXPECT_NEAR(scale, body == &small ? 0.026 : 1, 1e-9);
+        EXPECT_EQ(pliant_pull_points(&input, nullptr, 0, 3, points), 3);
+    }
 }
 
 TEST(Lengths, AreWordsOfAScene)
