@@ -165,11 +165,14 @@ class RerunTest(unittest.TestCase):
         self.assertIn("after turn 39 the recording goes on with turn 41", errors)
 
     def test_another_tool_motion_differs(self):
+        first = [step.sequence for step in self.steps].index(1)
+        grasp = next(step.sequence for step in self.steps[first:] if step.tools[0].closes)
+
         def shifted(step):
-            if step.sequence > 30:
+            if step.sequence > grasp:
                 step.tools[0].tip = [step.tools[0].tip[0] + 1e-9] + list(step.tools[0].tip[1:])
             return step
-        code, _, errors = self.simulate(self.rewritten("shifted.bag", shifted, 60))
+        code, _, errors = self.simulate(self.rewritten("shifted.bag", shifted, grasp + 30))
         self.assertEqual(code, 1)
         self.assertIn("not as recorded, from step", errors)
 
