@@ -293,6 +293,20 @@ TEST(MetaImage, AxesAreTheRowsOfTheMatrix)
     EXPECT_EQ(scan.at(0, 0, 1), 7);
 }
 
+TEST(TextHeaders, MayBeginWithAByteOrderMark)
+{
+    temporary_folder folder;
+    const std::string mark = "\xEF\xBB\xBF";
+    save(folder / "scan.mha", mark + "Offset = 1 2 3\n" + metaimage());
+    save(folder / "scan.nrrd", mark + nrrd());
+    volume_holder image, other;
+    ASSERT_EQ(pliant_volume_read((folder / "scan.mha").c_str(), nullptr, 0, &image), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(image.at(3, 2, 1), 257) << "its data begin where they did";
+    EXPECT_NEAR(image->geometry.origin[2], 0.003, 1e-12) << "the first line counts";
+    ASSERT_EQ(pliant_volume_read((folder / "scan.nrrd").c_str(), nullptr, 0, &other), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(other.at(3, 2, 1), 257);
+}
+
 TEST(MetaImage, DataInAFileOfTheirOwnBigEndianBehindAHeader)
 {
     temporary_folder folder;

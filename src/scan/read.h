@@ -101,6 +101,8 @@ private:
 };
 
 /* Every file is opened, and its size asked, by these. They fail when it may not be read (pliant/open.h). */
+/* Return the length of a byte order mark, which some editors write before text. */
+inline size_t mark_of(const std::string &bytes) { return bytes.compare(0, 3, "\xEF\xBB\xBF") == 0 ? 3 : 0; }
 std::ifstream open_file(const std::string &path); /* may not be good: not there */
 uint64_t file_size(const std::string &path);
 bool is_folder(const std::string &path);

@@ -53,7 +53,7 @@ text_header read_header(const std::string &path)
     text_header header;
     header.path = path;
     std::string bytes = file_start(path, longest);
-    for (size_t at = 0; at < bytes.size();) {
+    for (size_t at = mark_of(bytes); at < bytes.size();) {
         size_t end = bytes.find('\n', at);
         if (end == std::string::npos) end = bytes.size();
         std::string line = bytes.substr(at, end - at);

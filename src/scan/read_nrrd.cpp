@@ -54,7 +54,7 @@ text_header read_header(const std::string &path)
     text_header header;
     header.path = path;
     std::string bytes = file_start(path, longest);
-    if (bytes.compare(0, 4, "NRRD") != 0) fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file: it does not begin with NRRD", path.c_str());
+    if (bytes.compare(mark_of(bytes), 4, "NRRD") != 0) fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file: it does not begin with NRRD", path.c_str());
     size_t at = std::min(bytes.find('\n'), bytes.size() - 1) + 1;
     while (at < bytes.size()) {
         size_t end = bytes.find('\n', at);

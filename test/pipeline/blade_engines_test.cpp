@@ -1,5 +1,7 @@
 // A blade through a slab that one end holds, in every engine: it is felt, the slab parts, what it cuts off falls, no step fails, and all of it can be taken back.
 #include "../cuts.h"
+#include <cstdio>
+#include <cstdlib>
 
 namespace {
 
@@ -127,8 +129,9 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     if (meets) EXPECT_GE(told.pieces, 2);
     else EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, 0.024 * 0.032, (meets ? 0.2 : 0.05) * 0.024 * 0.032);
+    if (std::getenv("PLIANT_FIGURES")) std::printf("work %.4f of toughness times area%s\n", work / (toughness * told.severed_area), meets ? ", tissue meets the blade" : "");
     // what comes over the blade by itself parts by its own work
-    EXPECT_GT(work, (meets ? 0.82 : 0.9) * toughness * told.severed_area);
+    EXPECT_GT(work, (meets ? 0.86 : 0.9) * toughness * told.severed_area);
     EXPECT_LT(work, 1.1 * toughness * told.severed_area);
     EXPECT_EQ(mismatches(*body.data->body), 0);
     patched = 0;
