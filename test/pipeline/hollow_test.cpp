@@ -116,16 +116,19 @@ TEST(Hollow, GoesIntoItselfWithoutSelfContact)
     EXPECT_GT(twice, 0.05);
 }
 
-// Tissue of coarse methods lies in tissue no more than that of the fine mesh does, half as much again allowed, and what one side of a point gives the other takes: forces to rounding,
-// their moments by how deep points are.
+// Tissue of coarse methods overlaps at most 1.5 times as much as that of the fine mesh. The two sides of a contact point get
+// opposite forces. These act at one place, up to the penetration and to the distance by which the sides slid in the step.
 TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
 {
     double of_fine = 0;
     for (const pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED}) {
         Hollow hollow(false, true, method, 2);
         double open = 0, twice = 0, most = 0, force[3] = {0, 0, 0}, moment[3] = {0, 0, 0}, size = 0;
+        double slid = 0; // sum of force times sliding distance [N m]
         int points = 0;
+        std::vector<double> before;
         for (int s = 0; s < 26; s++) {
+            before.assign(hollow.data->positions, hollow.data->positions + 3 * size_t(hollow.data->body->fine.num_nodes));
             hollow.squeeze(5e-4);
             EXPECT_LT(hollow.data->statistics.penetration, 0.001 * h) << method << ", " << s;
             if (s % 3 != 1 || s < 19) continue;
@@ -136,14 +139,18 @@ TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
             const pliant_contact_point &point = hollow.data->contacts.point[p];
             if (point.kind != PLIANT_OBSTACLE_TISSUE) continue;
             points++;
+            double slip[3] = {0, 0, 0};
             for (int32_t k = 0; k < point.count; k++) {
                 const double *x = hollow.data->positions + 3 * point.node[k];
                 for (int d = 0; d < 3; d++) {
+                    slip[d] += point.weight[k] * (x[d] - before[3 * size_t(point.node[k]) + size_t(d)]);
                     force[d] += point.weight[k] * point.force[d];
                     size += std::fabs(point.weight[k] * point.force[d]);
                     moment[d] += point.weight[k] * (x[(d + 1) % 3] * point.force[(d + 2) % 3] - x[(d + 2) % 3] * point.force[(d + 1) % 3]);
                 }
             }
+            slid += std::sqrt((slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]) *
+                              (point.force[0] * point.force[0] + point.force[1] * point.force[1] + point.force[2] * point.force[2]));
         }
         std::printf("method %d: %.4f open, %.4f twice, %d points, %.3g N\n", method, open, most, points, size);
         if (method == PLIANT_FINE) of_fine = most;
@@ -154,7 +161,7 @@ TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
         EXPECT_GT(size, 0.1) << method;
         for (int d = 0; d < 3; d++) {
             EXPECT_LT(std::fabs(force[d]), 1e-12 * size) << method;
-            EXPECT_LT(std::fabs(moment[d]), 2e-3 * h * size) << method;
+            EXPECT_LT(std::fabs(moment[d]), 2e-3 * h * size + slid) << method;
         }
     }
 }
