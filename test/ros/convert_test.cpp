@@ -1,14 +1,17 @@
 #include "grids.h"
 #include "state/data.h"
 #include "pliant/ros/convert.h"
+#include "ros/record/checkpoint.h"
 #include "ros/record/recorded.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <map>
 #include <limits>
+#include <unistd.h>
 
 using namespace pliant_ros;
 
@@ -286,6 +289,64 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
 }
 
+TEST_F(ConvertBodies, AMomentIsReadAsItWasSaved)
+{
+    Moment moment;
+    moment.snapshot.loaded = loaded;
+    moment.snapshot.body = cut;
+    moment.snapshot.revision = revision_of(*loaded, cut->revision);
+    moment.snapshot.step = 41;
+    moment.snapshot.stamp = ros::Time(12, 34);
+    moment.snapshot.positions.assign(cut->fine.rest, cut->fine.rest + 3 * cut->fine.num_nodes);
+    moment.snapshot.positions[4] += 0.003;
+    moment.sequence = 17;
+    moment.strokes = 5;
+    moment.paused = true;
+    for (int t = 0; t < 2; ++t) {
+        pliant_tool_hold hold{};
+        hold.holding = true;
+        hold.radius = 0.006 + t;
+        hold.slipped = 0.0005 + t;
+        for (int d = 0; d < 3; ++d) {
+            hold.rest[d] = 1 + d + 10 * t;
+            hold.grip[d] = 4 + d + 10 * t;
+            hold.force[d] = 7 + d + 10 * t;
+        }
+        moment.holds.emplace_back(t ? "right" : "left", hold);
+    }
+    std::shared_ptr<const pliant_surface> surface;
+    Saved saved;
+    saved_message(moment, "tissue", &surface, &saved);
+    EXPECT_EQ(saved.state.header.frame_id, "tissue");
+    const std::string path = testing::TempDir() + "convert_test_" + std::to_string(getpid()) + ".bag";
+    write_saved(path, "/tissue/", saved);
+    const Moment again = moment_of(read_saved(path), loaded);
+    std::remove(path.c_str());
+    EXPECT_TRUE(pliant_body_same(again.snapshot.body.get(), cut.get()));
+    EXPECT_EQ(again.snapshot.revision, moment.snapshot.revision);
+    EXPECT_EQ(again.snapshot.step, 41u);
+    EXPECT_EQ(again.snapshot.stamp, moment.snapshot.stamp);
+    const std::vector<double> &before = moment.snapshot.positions, &after = again.snapshot.positions;
+    ASSERT_EQ(after.size(), before.size());
+    for (size_t i = 0; i < before.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-8);
+    EXPECT_EQ(again.sequence, 17u);
+    EXPECT_EQ(again.strokes, 5u);
+    EXPECT_TRUE(again.paused);
+    ASSERT_EQ(again.holds.size(), 2u);
+    for (size_t t = 0; t < 2; ++t) {
+        const pliant_tool_hold &was = moment.holds[t].second, &is = again.holds[t].second;
+        EXPECT_EQ(again.holds[t].first, moment.holds[t].first);
+        EXPECT_TRUE(is.holding);
+        EXPECT_EQ(is.radius, was.radius);
+        EXPECT_EQ(is.slipped, was.slipped);
+        for (int d = 0; d < 3; ++d) {
+            EXPECT_EQ(is.rest[d], was.rest[d]);
+            EXPECT_EQ(is.grip[d], was.grip[d]);
+            EXPECT_EQ(is.force[d], was.force[d]);
+        }
+    }
+}
+
 // the same of tetrahedra that cuts subdivide: nodes on edges, to the bit
 TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 {
@@ -416,6 +477,68 @@ TEST(Convert, ContactOfAToolThatIsNotThere)
     EXPECT_EQ(message.areas[0], 0.25f);
     contact_message(tool, -0.01, {}, &message);
     EXPECT_TRUE(message.points.empty());
+}
+
+TEST(Convert, ContactTellsWhereTheToolHolds)
+{
+    pliant_tool_state tool{};
+    ContactState message;
+    tool.present = tool.holding = true;
+    for (int d = 0; d < 3; ++d) {
+        tool.tip[d] = 1 + d;
+        tool.held_point[d] = 0.1 * (1 + d); /* behind the tip, where the spring between them is stretched */
+    }
+    contact_message(tool, 0, {}, &message);
+    EXPECT_TRUE(message.touching) << "the surface is reached at 0";
+    EXPECT_EQ(message.held_point.x, tool.held_point[0]);
+    EXPECT_EQ(message.held_point.y, tool.held_point[1]);
+    EXPECT_EQ(message.held_point.z, tool.held_point[2]);
+    tool.holding = false;
+    contact_message(tool, 1e-6, {}, &message);
+    EXPECT_FALSE(message.touching);
+    EXPECT_EQ(message.held_nodes, 0u);
+    EXPECT_EQ(message.held_point.x, 0);
+}
+
+TEST(Convert, CutIsTurnedIntoTheTissueFrame)
+{
+    CutLine::Request request;
+    request.points.resize(2);
+    request.points[1].x = 1;
+    request.depth.x = 0.02;
+    const CutInput cut = cut_from_message(request, {{0, 0, 5}, {0, 0, M_SQRT1_2, M_SQRT1_2}}); /* x becomes y */
+    ASSERT_EQ(cut.points.size(), 2u);
+    const double expected[2][3] = {{0, 0, 5}, {0, 1, 5}};
+    for (size_t p = 0; p < 2; ++p) {
+        EXPECT_NEAR(cut.points[p].x, expected[p][0], 1e-15);
+        EXPECT_NEAR(cut.points[p].y, expected[p][1], 1e-15);
+        EXPECT_NEAR(cut.points[p].z, expected[p][2], 1e-15);
+    }
+    EXPECT_NEAR(cut.depth.x, 0, 1e-15) << "a way is turned, not moved";
+    EXPECT_NEAR(cut.depth.y, 0.02, 1e-15);
+    EXPECT_NEAR(cut.depth.z, 0, 1e-15);
+}
+
+TEST(Convert, APickIsTurnedIntoTheFrameThatAsks)
+{
+    pliant_picked picked{};
+    Pick::Response response;
+    picked.hit = true;
+    picked.distance = 0.25;
+    picked.tetrahedron = 7;
+    picked.intensity = 42;
+    for (int d = 0; d < 3; ++d) picked.point[d] = 1 + d, picked.rest[d] = 10 + d;
+    for (int v = 0; v < 4; ++v) picked.barycentric[v] = 0.1 * (v + 1);
+    pick_message(picked, {{0, 0, 5}, {0, 0, M_SQRT1_2, M_SQRT1_2}}, &response); /* x becomes y, y becomes -x */
+    EXPECT_TRUE(response.success);
+    EXPECT_NEAR(response.point.x, -2, 1e-12);
+    EXPECT_NEAR(response.point.y, 1, 1e-12);
+    EXPECT_NEAR(response.point.z, 8, 1e-12);
+    EXPECT_EQ(response.rest.y, 11) << "rest is of the tissue";
+    EXPECT_EQ(response.distance, 0.25);
+    EXPECT_EQ(response.tetrahedron, 7u);
+    EXPECT_EQ(response.intensity, 42);
+    for (size_t v = 0; v < 4; ++v) EXPECT_EQ(response.barycentric[v], picked.barycentric[v]);
 }
 
 // moved to the origin of the frame: r x f with it, and nothing of the power of a motion is lost
