@@ -90,6 +90,68 @@ TEST(Registration, NeverTurnsTheTissueInsideOut)
     EXPECT_GT(most, 0.01);
 }
 
+std::string refusal(const Points &tissue, const Points &room, double max_error = 0)
+{
+    Rigid pose;
+    std::vector<double> errors;
+    std::string why;
+    EXPECT_TRUE(fit_rigid(tissue, room, &pose, &errors, &why)) << why;
+    return refusal_of_fit(tissue, room, errors, max_error);
+}
+
+Points scaled(const Points &points, double x, double y, double z)
+{
+    Points out = points;
+    for (geometry_msgs::Point &each : out) each.x *= x, each.y *= y, each.z *= z;
+    return out;
+}
+
+void expect_words(const std::string &text, const std::vector<std::string> &words, const std::vector<std::string> &others)
+{
+    EXPECT_NE(text.find("refused"), std::string::npos) << text;
+    for (const std::string &word : words) EXPECT_NE(text.find(word), std::string::npos) << word << ": " << text;
+    for (const std::string &word : others) EXPECT_EQ(text.find(word), std::string::npos) << word << ": " << text;
+}
+
+TEST(Registration, AcceptsMeasuredPairsUpToALimit)
+{
+    EXPECT_EQ(refusal(landmarks, moved(landmarks, 2e-3)), "");
+    const Points rough = moved(landmarks, 0.02);
+    expect_words(refusal(landmarks, rough), {"limit 10.0 mm", "order of the pairs"}, {"mirrored", "metres?"});
+    EXPECT_EQ(refusal(landmarks, rough, 0.03), "");
+    expect_words(refusal(landmarks, moved(landmarks, 2e-3), 1e-4), {"limit 0.1 mm"}, {"mirrored", "metres?"});
+    for (double wrong : {-0.01, std::numeric_limits<double>::quiet_NaN()})
+        EXPECT_NE(refusal(landmarks, moved(landmarks), wrong).find("max_error"), std::string::npos);
+}
+
+TEST(Registration, NamesMirroredPoints)
+{
+    for (int axis = 0; axis < 3; ++axis) {
+        const Points mirrored = scaled(landmarks, axis == 0 ? -1 : 1, axis == 1 ? -1 : 1, axis == 2 ? -1 : 1);
+        expect_words(refusal(mirrored, moved(landmarks, 1e-3)), {"mirrored?"}, {"metres?"});
+    }
+}
+
+TEST(Registration, NamesOtherUnits)
+{
+    const Points room = moved(landmarks, 1e-3), large = scaled(landmarks, 1e3, 1e3, 1e3), large_room = scaled(room, 1e3, 1e3, 1e3);
+    expect_words(refusal(landmarks, large_room), {"points of the room in millimetres?"}, {"mirrored"});
+    expect_words(refusal(large, room), {"points of the tissue in millimetres?"}, {"mirrored"});
+    expect_words(refusal(scaled(landmarks, 100, 100, 100), room), {"points of the tissue in centimetres?"}, {"mirrored"});
+    expect_words(refusal(scaled(landmarks, -1e3, 1e3, 1e3), room), {"points of the tissue in millimetres?", "mirrored?"}, {});
+    // both sets, without any error
+    expect_words(refusal(large, moved(large)), {"in millimetres?"}, {"mirrored"});
+}
+
+TEST(Registration, NamesThePairThatIsOff)
+{
+    Points room = moved(landmarks);
+    room.push_back(room[1]);
+    Points tissue = landmarks;
+    tissue.push_back(point(0.1, 0, -0.18));
+    expect_words(refusal(tissue, room), {"pair 5 of 5"}, {"mirrored", "metres?"});
+}
+
 TEST(Registration, RefusesWhatSaysTooLittle)
 {
     const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -6,6 +6,7 @@
 #include <ros/console.h>
 #include <tf2_eigen/tf2_eigen.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -27,6 +28,36 @@ Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
     Eigen::Matrix3Xd out(3, points.size());
     for (size_t p = 0; p < points.size(); ++p) out.col(static_cast<Eigen::Index>(p)) << points[p].x, points[p].y, points[p].z;
     return out;
+}
+
+const double DEFAULT_MAX_ERROR = 0.01; /* [m] */
+const double MAX_RADIUS = 2;           /* of points on one patient about their centre [m] */
+
+/* Root mean square distance from the centre. */
+double radius_of(const Eigen::Matrix3Xd &points)
+{
+    return std::sqrt((points.colwise() - points.rowwise().mean().eval()).colwise().squaredNorm().mean());
+}
+
+double rms_of_fit(const Eigen::Matrix3Xd &from, const Eigen::Matrix3Xd &to)
+{
+    const Eigen::Matrix4d fitted = Eigen::umeyama(from, to, false);
+    const Eigen::Matrix3Xd turned = (fitted.topLeftCorner<3, 3>() * from).colwise() + fitted.topRightCorner<3, 1>();
+    return std::sqrt((turned - to).colwise().squaredNorm().mean());
+}
+
+/* The unit of points that are `scale` times as large as they are in metres; NULL: none is known. */
+const char *unit_of(double scale)
+{
+    const auto near = [scale](double known) { return scale > 0.7 * known && scale < 1.4 * known; };
+    return near(1000) ? "millimetres" : near(100) ? "centimetres" : nullptr;
+}
+
+std::string millimetres(double metres)
+{
+    char text[40];
+    std::snprintf(text, sizeof text, "%.1f mm", 1e3 * metres);
+    return text;
 }
 
 bool spans_a_plane(const Eigen::Matrix3Xd &points)
@@ -61,6 +92,37 @@ bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<
     errors->clear();
     for (Eigen::Index p = 0; p < a.cols(); ++p) errors->push_back((turn * a.col(p) + fitted.topRightCorner<3, 1>() - b.col(p)).norm());
     return true;
+}
+
+double root_mean_square(const std::vector<double> &values)
+{
+    return std::sqrt(Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())).squaredNorm() / static_cast<double>(values.size()));
+}
+
+std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue, const std::vector<geometry_msgs::Point> &room,
+                           const std::vector<double> &errors, double max_error)
+{
+    if (!(max_error >= 0)) return "max_error is " + std::to_string(max_error) + "; use a length [m], or 0 for 0.01";
+    const double limit = max_error > 0 ? max_error : DEFAULT_MAX_ERROR, rms = root_mean_square(errors);
+    Eigen::Matrix3Xd a = matrix_of(tissue), b = matrix_of(room);
+    const double ratio = radius_of(b) / radius_of(a), largest = std::max(radius_of(a), radius_of(b));
+    if (rms <= limit && largest <= MAX_RADIUS) return "";
+    std::string text = "refused, the tissue stays where it was: root mean square error " + millimetres(rms) + ", limit " + millimetres(limit) + " (max_error).";
+    const char *unit = unit_of(std::max(ratio, 1 / ratio));
+    if (unit) text += std::string(" Are the points of the ") + (ratio > 1 ? "room" : "tissue") + " in " + unit + "? Use metres.";
+    else if (largest > MAX_RADIUS) text += " The points lie " + std::to_string(std::lround(largest)) + " m from their centre. Are they in millimetres? Use metres.";
+    if (unit) (ratio > 1 ? b : a) *= std::min(ratio, 1 / ratio);
+    const double direct = rms_of_fit(a, b);
+    a.row(0) = -a.row(0);
+    const double mirrored = rms_of_fit(a, b);
+    if (direct > limit && mirrored < 0.5 * direct && mirrored <= std::max(limit, 0.2 * direct)) {
+        text += " Are the points mirrored? With one axis reversed the error is " + millimetres(mirrored) + ".";
+    } else if (!unit && rms > limit) {
+        const auto worst = std::max_element(errors.begin(), errors.end());
+        text += " Check the frame and the order of the pairs; pair " + std::to_string(worst - errors.begin() + 1) + " of " +
+                std::to_string(errors.size()) + " is off by " + millimetres(*worst) + ".";
+    }
+    return text;
 }
 
 geometry_msgs::Pose pose_message(const Rigid &pose) { return tf2::toMsg(Eigen::Isometry3d(tf2::transformToEigen(transform_message(pose)))); }
@@ -214,13 +276,12 @@ bool Registration::by_points(pliant::Register::Request &request, pliant::Registe
             !rigid_from_message(frames_->lookupTransform(parameters_.parent_frame, request.header.frame_id, request.header.stamp).transform, &in_parent, &why))
             throw std::runtime_error(why);
         if (!fit_rigid(request.tissue, request.room, &pose, &errors, &why)) throw std::runtime_error(why);
+        response.largest = *std::max_element(errors.begin(), errors.end());
+        response.error = root_mean_square(errors);
+        response.pose = pose_message();
+        why = refusal_of_fit(request.tissue, request.room, errors, request.max_error);
+        if (!why.empty()) throw std::runtime_error(why);
         pose = multiply(in_parent, pose);
-        double squares = 0;
-        for (double error : errors) {
-            squares += error * error;
-            response.largest = std::max(response.largest, error);
-        }
-        response.error = std::sqrt(squares / static_cast<double>(errors.size()));
         place(pose);
         response.pose = pose_message();
         char told[160];

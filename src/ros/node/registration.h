@@ -20,6 +20,13 @@ namespace pliant_ros {
 bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
                std::string *why);
 
+/* Return why a fit of these pairs is refused, or an empty text. A fit is refused if the root mean square of its errors exceeds max_error
+ * [m; 0: 10 mm], or if the points span metres. The text says whether mirrored points or other units explain the errors.
+ * errors: what fit_rigid has returned for these pairs [m] */
+std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue, const std::vector<geometry_msgs::Point> &room,
+                           const std::vector<double> &errors, double max_error);
+double root_mean_square(const std::vector<double> &values);
+
 geometry_msgs::Pose pose_message(const Rigid &pose);
 
 /* Text of a file with a pose and the frame that it is in, and back. */
