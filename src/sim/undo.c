@@ -74,6 +74,19 @@ static int32_t sample_line(int32_t count, const double *points, double spacing, 
     return made;
 }
 
+/* Whether the depth spans an area with some segment of the line. */
+static bool spans_area(int32_t count, const double *points, const double depth[3])
+{
+    for (int32_t p = 1; p < count; p++) {
+        double along[3], across[3], squares[3] = {0, 0, 0};
+        for (int d = 0; d < 3; d++) along[d] = points[3 * p + d] - points[3 * (p - 1) + d];
+        for (int d = 0; d < 3; d++) across[d] = along[(d + 1) % 3] * depth[(d + 2) % 3] - along[(d + 2) % 3] * depth[(d + 1) % 3];
+        for (int d = 0; d < 3; d++) squares[0] += along[d] * along[d], squares[1] += depth[d] * depth[d], squares[2] += across[d] * across[d];
+        if (squares[2] > 1e-18 * squares[0] * squares[1]) return true;
+    }
+    return false;
+}
+
 pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points, const double depth[3],
                               pliant_cut_report *report)
 {
@@ -81,6 +94,8 @@ pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int3
     bool good = count >= 2 && isfinite(depth[0]) && isfinite(depth[1]) && isfinite(depth[2]);
     for (int32_t n = 0; good && n < 3 * count; n++) good = isfinite(points[n]) && fabs(points[n]) < 1e3;
     if (!good) return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut needs two points or more, within 1000 m, and a direction, all of them finite");
+    if (!spans_area(count, points, depth))
+        return pliant_fail(PLIANT_ERROR_ARGUMENT, "a cut has no area: its depth is (%g, %g, %g) m; use a depth that is not 0 and not along the line", depth[0], depth[1], depth[2]);
     const double *size = model->scan->geometry.spacing, spacing = 0.5 * fmin(size[0], fmin(size[1], size[2])), none[3] = {0, 0, 0};
     const int32_t samples = sample_line(count, points, spacing, none, NULL);
     double *from = pliant_calloc((size_t)samples, 3 * sizeof *from), *to = pliant_calloc((size_t)samples, 3 * sizeof *to);

@@ -441,6 +441,11 @@ TEST(Knife, WhatIsNeverCutCostsNothingAndChangesNothing)
     EXPECT_EQ(pliant_tool_set_cutting(none.data, none.tool, true), PLIANT_ERROR_ARGUMENT);
     EXPECT_NE(std::string(pliant_last_error()).find("cut/kind"), std::string::npos) << pliant_last_error();
     EXPECT_EQ(pliant_data_cut(none.model, none.data, 0, nullptr, nullptr, nullptr), PLIANT_ERROR_SCENE);
+    const double line[6] = {0, 0, 0, 0.1, 0, 0}, no_depth[3] = {0, 0, 0}, along[3] = {0.2, 0, 0}, point[6] = {0};
+    for (const auto &each : {std::make_pair(line, no_depth), std::make_pair(line, along), std::make_pair(point, along)}) {
+        EXPECT_EQ(pliant_data_cut(may.model, may.data, 2, each.first, each.second, nullptr), PLIANT_ERROR_ARGUMENT);
+        EXPECT_NE(std::string(pliant_last_error()).find("no area"), std::string::npos) << pliant_last_error();
+    }
     EXPECT_EQ(none.model->body->voxels, nullptr);
     EXPECT_EQ(none.data->statistics.bytes, may.data->statistics.bytes) << "a simulation keeps nothing until something is cut";
     for (Slab *slab : {&none, &may}) {

@@ -201,6 +201,11 @@ class CutTest(unittest.TestCase):
             self.assertTrue(call("undo_cut", Trigger).success)
             self.wait_for_revision(self.first.revision)
         self.assertAlmostEqual(areas[0], areas[1], delta=1e-3 * areas[1])
+        line = [Point(*self.low), Point(*self.high)]
+        for depth in (Vector3(), Vector3(*(self.high - self.low))):
+            answer = call("cut", CutLine, Header(frame_id="tissue"), line, depth)
+            self.assertFalse(answer.success)
+            self.assertIn("no area", answer.message)
         for frame, points in (("nowhere", [Point(), Point(x=1)]), ("tissue", [Point()]), ("tissue", [Point(x=float("nan")), Point()])):
             answer = call("cut", CutLine, Header(frame_id=frame), points, Vector3(z=1))
             self.assertFalse(answer.success)
