@@ -11,6 +11,7 @@ import unittest
 import xml.etree.ElementTree
 
 import roslaunch.config
+import roslaunch.core
 import roslaunch.xmlloader
 
 SOURCE = os.path.realpath(sys.argv.pop(1)) if len(sys.argv) > 1 else ""
@@ -107,6 +108,14 @@ class LaunchTest(unittest.TestCase):
         self.assertEqual(params["/tissue/sim/parent_frame"].value, "PSM1_base")
         self.assertEqual(params["/tissue/sim/tools"].value, "PSM1")
 
+    def test_a_fourth_arm_is_refused(self):
+        for name in ("crtk.launch", "dvrk.launch", "raven.launch", "ambf.launch"):
+            for arms in ("a b c d", "a,b"):
+                with self.subTest(file=name, arms=arms):
+                    with self.assertRaises(roslaunch.core.RLException) as refused:
+                        load(SOURCE + "/launch/" + name, ["arms:=" + arms])
+                    self.assertIn('arms:="%s" is refused: name one to three arms' % arms, str(refused.exception))
+
     def robot(self, name, *arguments):
         config = load(SOURCE + "/launch/" + name, list(arguments))
         nodes = {node.name: node for node in config.nodes}
@@ -121,6 +130,7 @@ class LaunchTest(unittest.TestCase):
             self.assertEqual(params["/tissue/sim/tool/%s/blade" % arm], "scalpel")
         self.assertEqual(params["/tissue/sim/tools"], "PSM1 PSM2 mouse")
         self.assertEqual(params["/tissue/sim/parent_frame"], "PSM1_base")
+        self.assertEqual(params["/tissue/sim/tool_max_age"], 0.25)
         self.assertFalse([path for path in params if "none_" in path])
         self.assertNotIn("force_guard", nodes)
         self.assertEqual(dict(nodes["rviz"].remap_args)["grasper/marker"], "PSM1/marker")
