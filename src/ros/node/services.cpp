@@ -11,8 +11,8 @@ namespace pliant_ros {
 
 namespace {
 
-/* the one that works, and one that refuses meanwhile and resets or pauses */
-enum { SERVICE_THREADS = 2 };
+/* one waits for long work, one for the end of a step, and one cancels or refuses */
+enum { SERVICE_THREADS = 3 };
 
 float seconds_since(double start) { return static_cast<float>(pliant_seconds() - start); }
 
@@ -52,7 +52,7 @@ void Recomputed::apply(pliant_scene *scene) const
 Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions,
                    Simulation *simulation, MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration,
                    std::shared_ptr<const tf2_ros::Buffer> frames)
-    : parameters_(parameters), state_(state), live_(live), sessions_(sessions), simulation_(simulation), mesh_output_(mesh_output),
+    : parameters_(parameters), state_(state), work_(state), live_(live), sessions_(sessions), simulation_(simulation), mesh_output_(mesh_output),
       volume_output_(volume_output), registration_(registration), frames_(std::move(frames))
 {
     handle.setCallbackQueue(&queue_);
@@ -64,6 +64,7 @@ Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *
     servers_.push_back(handle.advertiseService("cut", &Services::cut, this));
     servers_.push_back(handle.advertiseService("undo_cut", &Services::undo_cut, this));
     servers_.push_back(handle.advertiseService("reset", &Services::reset, this));
+    servers_.push_back(handle.advertiseService("cancel", &Services::cancel, this));
     servers_.push_back(handle.advertiseService("pause", &Services::pause, this));
     spinner_.reset(new ros::AsyncSpinner(SERVICE_THREADS, &queue_));
     spinner_->start();
@@ -72,40 +73,10 @@ Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *
 
 Services::~Services()
 {
-    stopping_ = true;
+    work_.stop();
     first_.join();
     spinner_->stop();
     servers_.clear();
-}
-
-pliant_progress Services::progress(double from, double to)
-{
-    progress_from_ = from;
-    progress_to_ = to;
-    return pliant_progress{[](double fraction, const char *stage, void *user) {
-                               Services *self = static_cast<Services *>(user);
-                               self->state_->progress(self->progress_from_ + (self->progress_to_ - self->progress_from_) * fraction, stage);
-                               return !self->stopping_;
-                           },
-                           this};
-}
-
-bool Services::exclusively(const std::string &name, std::string *message, const std::function<std::string()> &work)
-{
-    if (!state_->begin(name, message)) return false;
-    bool good = false;
-    try {
-        *message = work();
-        good = true;
-    } catch (const std::bad_alloc &) {
-        *message = name + ": out of memory";
-    } catch (const std::exception &failed) {
-        *message = name + ": " + failed.what();
-    }
-    state_->end(good, *message);
-    if (good) ROS_INFO("%s", message->c_str());
-    else ROS_ERROR("%s", message->c_str());
-    return good;
 }
 
 std::shared_ptr<const Loaded> Services::current() const
@@ -118,6 +89,7 @@ std::shared_ptr<const Loaded> Services::current() const
 void Services::put_in(const std::shared_ptr<Loaded> &next, bool takes_live)
 {
     check_target(*next);
+    work_.commit();
     simulation_->swap(next);
     if (takes_live || next->choice.made) live_->assign(*pliant_model_get_scene(next->model));
     tell_of(*next);
@@ -157,11 +129,12 @@ std::string Services::go_on(const Saved &saved)
 {
     if (!is_begun_alike(saved.rest)) throw Failure(PLIANT_ERROR_ARGUMENT, "it is of a node that was started with another scan or scene (" + saved.rest.start_scan + ")");
     const Session &session = saved.session;
-    std::shared_ptr<Loaded> next = build_session(session, Shelf().find(session), progress());
+    std::shared_ptr<Loaded> next = build_session(session, Shelf().find(session), work_.progress());
     check_target(*next);
     const Moment moment = moment_of(saved, next);
     pliant_scene live = *pliant_model_get_scene(next->model);
     apply_settings(session, &live);
+    work_.commit();
     simulation_->swap(next, &moment); /* what is refused changes nothing */
     live_->go_on(scene_of(saved.rest.start_scene), live);
     if (saved.rest.start_pose == pose_message(parameters_.tissue_pose)) registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
@@ -181,7 +154,7 @@ std::string Services::load_given()
 {
     Materials materials;
     std::shared_ptr<const Scan> scan = read_scan(parameters_.scene, parameters_.scan, &materials);
-    std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, progress());
+    std::shared_ptr<Loaded> next = build_chosen(parameters_.scene, scan, materials.table, work_.progress());
     put_in(next);
     return "loaded " + parameters_.scan + ": " + size_text(*next->model);
 }
@@ -189,11 +162,11 @@ std::string Services::load_given()
 void Services::load_first()
 {
     std::string message;
-    bool of_checkpoint = false;
-    bool good = exclusively("loading " + parameters_.scan, &message, [&] {
+    auto of_checkpoint = std::make_shared<bool>(false);
+    bool good = work_.run("loading " + parameters_.scan, &message, [this, of_checkpoint] {
         const std::string &checkpoint = parameters_.checkpoint;
         if (checkpoint.empty() || access(checkpoint.c_str(), F_OK) != 0) return load_given();
-        of_checkpoint = true;
+        *of_checkpoint = true;
         std::string why;
         try {
             return go_on(read_saved(checkpoint));
@@ -209,7 +182,7 @@ void Services::load_first()
         return load_given() + "; the checkpoint " + checkpoint + " was refused, and is kept as " + aside + ": " + why;
     });
     if (!good) state_->set(SimState::FAULT, message);
-    else if (of_checkpoint) state_->note(message);
+    else if (*of_checkpoint) state_->note(message);
 }
 
 std::string Services::allowed(const std::string &path) const
@@ -222,16 +195,19 @@ std::string Services::allowed(const std::string &path) const
 bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &response)
 {
     double start = pliant_seconds();
-    response.success = exclusively("load_scan", &response.message, [&] {
-        std::string path = is_phantom(request.path) ? request.path : allowed(request.path);
-        std::string labels = request.labels.empty() ? "" : allowed(request.labels);
+    const auto call = std::make_shared<LoadScan>();
+    call->request = request;
+    response.success = work_.run("load_scan", &response.message, [this, call] {
+        const LoadScan::Request &asked = call->request;
+        std::string path = is_phantom(asked.path) ? asked.path : allowed(asked.path);
+        std::string labels = asked.labels.empty() ? "" : allowed(asked.labels);
         Materials materials;
         if (materials_.table.num_materials > 0) check(pliant_material_table_copy(&materials_.table, &materials.table));
         pliant_scene scene = parameters_.scene;
         live_->apply(&scene);
         recomputed_.apply(&scene);
         check(pliant_scene_set(&scene, "material/labels", labels.c_str()));
-        for (const std::string &option : request.options) {
+        for (const std::string &option : asked.options) {
             size_t sign = option.find('=');
             if (sign == std::string::npos)
                 throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
@@ -244,11 +220,12 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
         check(pliant_scene_check(&scene));
         ConfinedReads confined(parameters_.scan_root, parameters_.scene.material.file);
         std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
-        std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, progress());
+        std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, work_.progress());
         put_in(next, true);
-        response.scan_id = scan->volume.id;
-        return "loaded " + request.path + ": " + size_text(*next->model);
+        call->response.scan_id = scan->volume.id;
+        return "loaded " + asked.path + ": " + size_text(*next->model);
     });
+    response.scan_id = response.success ? call->response.scan_id : "";
     response.seconds = seconds_since(start);
     return true;
 }
@@ -256,23 +233,29 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
 bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response)
 {
     double start = pliant_seconds();
-    response.error_max = response.error_rms = std::numeric_limits<float>::quiet_NaN();
-    choice_message(pliant_choice{}, &response);
-    response.success = exclusively("recompute_homogenization", &response.message, [&] {
+    const auto call = std::make_shared<RecomputeHomogenization>();
+    call->request = request;
+    call->response.error_max = call->response.error_rms = std::numeric_limits<float>::quiet_NaN();
+    choice_message(pliant_choice{}, &call->response);
+    response = call->response;
+    std::string message;
+    const bool success = work_.run("recompute_homogenization", &message, [this, call] {
+        RecomputeHomogenization::Response &told = call->response;
+        const bool probe = call->request.probe;
         std::shared_ptr<const Loaded> old = current();
         pliant_scene scene = old->asked;
         live_->apply(&scene);
         Recomputed asked;
-        asked.take(request);
+        asked.take(call->request);
         asked.apply(&scene);
         check(pliant_scene_check(&scene));
         const pliant_material_table &materials = *pliant_model_get_materials(old->model);
-        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, materials, progress(0, request.probe ? 0.2 : 1));
+        std::shared_ptr<Loaded> next = build_chosen(scene, old->scan, materials, work_.progress(0, probe ? 0.2 : 1));
         pliant_choice measured = next->choice;
         std::string note;
-        if (request.probe && !measured.made) {
+        if (probe && !measured.made) {
             try {
-                measured = measure(*pliant_model_get_scene(next->model), *old->scan, materials, progress(0.2, 1));
+                measured = measure(*pliant_model_get_scene(next->model), *old->scan, materials, work_.progress(0.2, 1));
                 if (!measured.made) note = "; no error could be measured";
             } catch (const Failure &failure) { /* the model is good for what needs no measuring */
                 if (failure.status == PLIANT_ERROR_CANCELLED) throw;
@@ -280,20 +263,23 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
             }
         }
         if (measured.made) {
-            response.error_max = static_cast<float>(measured.max);
-            response.error_rms = static_cast<float>(measured.rms);
+            told.error_max = static_cast<float>(measured.max);
+            told.error_rms = static_cast<float>(measured.rms);
         }
-        choice_message(next->choice, &response);
+        choice_message(next->choice, &told);
         put_in(next);
         {
             std::lock_guard<std::mutex> hold(lock_);
-            recomputed_.take(request);
+            recomputed_.take(call->request);
         }
         pliant_build_statistics statistics;
         pliant_model_get_statistics(next->model, &statistics);
-        response.condition_estimate = static_cast<float>(statistics.condition_estimate);
+        told.condition_estimate = static_cast<float>(statistics.condition_estimate);
         return "recomputed: " + size_text(*next->model) + note;
     });
+    if (success) response = call->response;
+    response.success = success;
+    response.message = message;
     response.seconds = seconds_since(start);
     return true;
 }
@@ -301,14 +287,15 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
 bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Response &response)
 {
     double start = pliant_seconds();
-    response.success = exclusively("set_materials", &response.message, [&] {
+    const std::string yaml = request.yaml;
+    response.success = work_.run("set_materials", &response.message, [this, yaml] {
         std::shared_ptr<const Loaded> old = current();
         Materials materials;
-        check(pliant_material_table_parse(request.yaml.c_str(), "the request", &materials.table));
+        check(pliant_material_table_parse(yaml.c_str(), "the request", &materials.table));
         check(pliant_material_table_check(&materials.table));
         pliant_scene scene = old->asked;
         live_->apply(&scene);
-        put_in(build_chosen(scene, old->scan, materials.table, progress()));
+        put_in(build_chosen(scene, old->scan, materials.table, work_.progress()));
         std::lock_guard<std::mutex> hold(lock_);
         std::swap(materials_.table, materials.table);
         return std::to_string(materials_.table.num_materials) + " materials are in use";
@@ -319,15 +306,15 @@ bool Services::set_materials(SetMaterials::Request &request, SetMaterials::Respo
 
 bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &response)
 {
-    response.success = exclusively("save_volume", &response.message, [&] {
+    response.success = work_.run("save_volume", &response.message, [this, name = request.path] {
         std::string path, why;
-        if (!confine_new(parameters_.output_root, request.path, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
+        if (!confine_new(parameters_.output_root, name, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
         Warped warped(now.loaded, now.body);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
         return "wrote " + path;
-    });
+    }, false);
     return true;
 }
 
@@ -404,6 +391,12 @@ bool Services::reset(std_srvs::Trigger::Request &, std_srvs::Trigger::Response &
     } catch (const std::exception &failed) {
         response.message = failed.what();
     }
+    return true;
+}
+
+bool Services::cancel(std_srvs::Trigger::Request &, std_srvs::Trigger::Response &response)
+{
+    response.success = work_.cancel(&response.message);
     return true;
 }
 

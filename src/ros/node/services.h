@@ -3,6 +3,7 @@
 #define PLIANT_ROS_NODE_SERVICES_H
 
 #include "ros/node/registration.h"
+#include "ros/node/work.h"
 #include "ros/output/mesh_output.h"
 #include "ros/record/checkpoint.h"
 #include "ros/sim/simulation.h"
@@ -18,8 +19,6 @@
 #include <ros/spinner.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
-
-#include <atomic>
 
 namespace pliant_ros {
 
@@ -39,8 +38,8 @@ struct Recomputed {
     void apply(pliant_scene *scene) const;
 };
 
-/* Long calls run on a queue of their own, one at a time, beside the simulation; a second one is refused. The one that
-   builds a model swaps it in at a step boundary, or fails and leaves everything as it was. */
+/* Calls run on a queue of their own, beside the simulation. Of those that take long one runs at a time; a second one is refused. The one
+   that builds a model swaps it in at a step boundary, or fails or is cancelled, and leaves everything as it was. */
 class Services {
 public:
     Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions, Simulation *simulation,
@@ -51,8 +50,6 @@ public:
     void keep(Checkpoint *out) const;
 
 private:
-    /* Run work unless other work runs; what it throws becomes *message. */
-    bool exclusively(const std::string &name, std::string *message, const std::function<std::string()> &work);
     void load_first();
     std::string load_given();
     std::string go_on(const Saved &saved);
@@ -66,17 +63,17 @@ private:
     bool undo_cut(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);
     Rigid tissue_from(const std_msgs::Header &header) const;
     bool reset(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);
+    bool cancel(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);
     bool pause(std_srvs::SetBool::Request &request, std_srvs::SetBool::Response &response);
 
     std::string allowed(const std::string &path) const;
     void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false); /* the options that may change while running, too */
     void tell_of(const Loaded &next);
     std::shared_ptr<const Loaded> current() const;
-    /* a part of the bar */
-    pliant_progress progress(double from = 0, double to = 1);
 
     const Parameters parameters_;
     State *state_;
+    Work work_;
     Live *live_;
     Sessions *sessions_;
     Simulation *simulation_;
@@ -84,8 +81,6 @@ private:
     VolumeOutput *volume_output_;
     Registration *registration_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
-    std::atomic<bool> stopping_{false};
-    double progress_from_ = 0, progress_to_ = 1;
     mutable std::mutex lock_; /* of the next two, where they change or another thread reads them */
     Recomputed recomputed_;
     Materials materials_; /* as set_materials set them; empty: as the scene says */
