@@ -197,6 +197,7 @@ TEST(Params, WhatOfTheVolumeIsSent)
     XmlRpcValue tree, turned, step, empty;
     empty["jaw_close"] = 0.05;
     EXPECT_TRUE(std::isinf(read(empty).volume_low[0]) && std::isinf(read(empty).volume_high[2])) << "all";
+    EXPECT_TRUE(std::isnan(read(empty).volume_threshold)) << "the noise of the scan";
     for (int d = 0; d < 3; ++d) tree["volume_region"]["low"][d] = -0.1, tree["volume_region"]["high"][d] = 0.2;
     tree["volume_threshold"] = 10;
     tree["preview_step"] = 2;

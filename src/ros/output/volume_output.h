@@ -26,6 +26,7 @@ public:
     /* Show what draws the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
     bool look(const std::function<void(const Warped &, const Snapshot &)> &function);
     std::string problem() const { return problem_.get(); }
+    const VolumeStream &stream() const { return stream_; }
 
 private:
     void run();

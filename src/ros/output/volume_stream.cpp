@@ -1,5 +1,6 @@
 #include "ros/output/volume_stream.h"
 
+#include "ros/output/noise.h"
 #include "ros/sim/urgent.h"
 
 #include <ros/publication.h>
@@ -7,7 +8,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 namespace pliant_ros {
 
@@ -20,6 +20,7 @@ enum {
 const std::chrono::milliseconds patience(100);  /* that a slow subscriber holds up the others for */
 const std::chrono::seconds forgotten_after(60); /* who is that far behind gets the whole once it is ready */
 const double resend_rate = 1;                   /* [Hz] */
+const std::chrono::milliseconds rests_after(200); /* without any change: then small changes are sent, too */
 
 bool any(const std::vector<uint8_t> &bricks)
 {
@@ -29,24 +30,6 @@ bool any(const std::vector<uint8_t> &bricks)
 bool same(const Box &a, const Box &b)
 {
     return std::equal(a.offset, a.offset + 3, b.offset) && std::equal(a.size, a.size + 3, b.size);
-}
-
-size_t voxel_at(const int32_t size[3], uint32_t i, uint32_t j, uint32_t k)
-{
-    return i + static_cast<size_t>(size[0]) * (j + static_cast<size_t>(size[1]) * k);
-}
-
-/* by this much or more, somewhere in the box */
-template <class Voxel> bool differs(const void *a, const void *b, const int32_t size[3], const Box &box, double stored)
-{
-    const Voxel *x = static_cast<const Voxel *>(a), *y = static_cast<const Voxel *>(b);
-    for (uint32_t k = box.offset[2]; k < box.offset[2] + box.size[2]; ++k)
-        for (uint32_t j = box.offset[1]; j < box.offset[1] + box.size[1]; ++j) {
-            const size_t row = voxel_at(size, box.offset[0], j, k);
-            for (size_t at = row; at < row + box.size[0]; ++at)
-                if (!(std::abs(static_cast<double>(x[at]) - y[at]) < stored)) return true;
-        }
-    return false;
 }
 
 } // namespace
@@ -73,7 +56,8 @@ void VolumeStream::start()
     whole_wanted_ = true;
     is_behind_ = gap_ = false;
     clear_at_ = Clock::now();
-    std::vector<uint8_t>().swap(sent_);
+    has_begun_ = false;
+    forget_written();
     fresh_.clear();
     unsure_.clear();
     pending_.clear();
@@ -81,8 +65,15 @@ void VolumeStream::start()
 
 bool VolumeStream::add(const Warped &warped)
 {
-    if (fresh_.empty()) region_ = region_box(warped.target(), low_, high_);
+    if (!has_begun_) {
+        region_ = region_box(warped.target(), low_, high_);
+        const double bound = !std::isnan(threshold_) ? threshold_ : keeps_all_ ? 0 : noise_of(warped.loaded()->scan->volume);
+        sent_.start(bound, region_);
+        bound_ = bound;
+    }
+    has_begun_ = true;
     const bool changed = warped.add_changed(&fresh_);
+    if (changed) changed_at_ = Clock::now();
     unsure_.resize(fresh_.size());
     return changed;
 }
@@ -92,8 +83,17 @@ bool VolumeStream::somebody_is_ready() const
     return last_.use_count() - 1 < static_cast<long>(publisher_.getNumSubscribers());
 }
 
+void VolumeStream::forget_written()
+{
+    held_.erase(std::remove_if(held_.begin(), held_.end(), [](const auto &each) { return each.first.use_count() == 1; }), held_.end());
+    size_t bytes = is_held() ? last_bytes_ : 0;
+    for (const auto &each : held_) bytes += each.second;
+    held_bytes_ = bytes;
+}
+
 void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
 {
+    forget_written();
     if (!wanted()) return;
     if (resend_wanted_ && resend_rate_.due(resend_rate)) {
         resend_wanted_ = false;
@@ -107,7 +107,8 @@ void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
         clear_at_ = now;
         base_ = sequence_;
     }
-    is_behind_ = whole_wanted_ || !pending_.empty() || any(fresh_);
+    rests_ = now - changed_at_ > rests_after;
+    is_behind_ = whole_wanted_ || !pending_.empty() || any(fresh_) || (rests_ && sent_.owes());
     if (!is_behind_ || (held && (!somebody_is_ready() || now - sent_at_ < patience))) return;
     if (now - clear_at_ > forgotten_after) {
         gap_ = true;
@@ -133,7 +134,7 @@ void VolumeStream::send_whole(const Warped &warped, const Snapshot &snapshot, bo
 void VolumeStream::send_changes(const Warped &warped, const Snapshot &snapshot, bool held)
 {
     if (held || pending_.empty()) {
-        drop_small_changes(warped.volume());
+        sent_.select(warped.volume(), rests_, &fresh_);
         if (pending_.empty() && !any(fresh_)) return;
         for (size_t i = 0; i < fresh_.size(); ++i) unsure_[i] = fresh_[i] || (held && unsure_[i]);
         std::fill(fresh_.begin(), fresh_.end(), 0);
@@ -158,42 +159,6 @@ std::vector<Box> VolumeStream::changed_boxes_of(const Warped &warped) const
     return inside;
 }
 
-void VolumeStream::drop_small_changes(const pliant_volume &volume)
-{
-    if (sent_.empty()) return;
-    const double stored = threshold_ / std::abs(volume.slope);
-    const int32_t *size = volume.geometry.size;
-    uint32_t count[3];
-    for (int d = 0; d < 3; ++d) count[d] = (static_cast<uint32_t>(size[d]) + PLIANT_BRICK_SIZE - 1) / PLIANT_BRICK_SIZE;
-    for (size_t brick = 0; brick < fresh_.size(); ++brick) {
-        if (!fresh_[brick]) continue;
-        const size_t at[3] = {brick % count[0], brick / count[0] % count[1], brick / count[0] / count[1]};
-        Box box;
-        for (int d = 0; d < 3; ++d) {
-            box.offset[d] = static_cast<uint32_t>(at[d]) * PLIANT_BRICK_SIZE;
-            box.size[d] = std::min<uint32_t>(PLIANT_BRICK_SIZE, static_cast<uint32_t>(size[d]) - box.offset[d]);
-        }
-        box = common_box(box, region_);
-        if (!(box.size[0] && box.size[1] && box.size[2])) fresh_[brick] = 0;
-        else if (volume.encoding == PLIANT_UINT8) fresh_[brick] = differs<uint8_t>(volume.voxels, sent_.data(), size, box, stored);
-        else if (volume.encoding == PLIANT_INT16) fresh_[brick] = differs<int16_t>(volume.voxels, sent_.data(), size, box, stored);
-        else fresh_[brick] = differs<float>(volume.voxels, sent_.data(), size, box, stored);
-    }
-}
-
-void VolumeStream::keep_sent(const pliant_volume &volume, const Box &box)
-{
-    const int32_t *size = volume.geometry.size;
-    const size_t bytes = pliant_encoding_size(volume.encoding);
-    sent_.resize(bytes * static_cast<size_t>(size[0]) * size[1] * size[2]);
-    const uint8_t *voxels = static_cast<const uint8_t *>(volume.voxels);
-    for (uint32_t k = box.offset[2]; k < box.offset[2] + box.size[2]; ++k)
-        for (uint32_t j = box.offset[1]; j < box.offset[1] + box.size[1]; ++j) {
-            const size_t row = bytes * voxel_at(size, box.offset[0], j, k);
-            std::memcpy(&sent_[row], voxels + row, bytes * box.size[0]);
-        }
-}
-
 void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const Box &box)
 {
     const pliant_volume &volume = warped.volume();
@@ -205,7 +170,7 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     message->since = same(box, region_) ? 0 : base_;
     message->sequence = ++sequence_;
     volume_message(volume, region_, box, message.get());
-    if (threshold_ > 0) keep_sent(volume, box);
+    sent_.keep(volume, box);
     sent_at_ = Clock::now();
     if (keeps_all_) {
         publish_urgently(publisher_, message);
@@ -215,6 +180,7 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     ros::SerializedMessage serialized;
     serialized.type_info = &typeid(Volume);
     serialized.message = message;
+    if (is_held()) held_.emplace_back(last_, last_bytes_);
     last_.reset();
     /* and before, not while it holds what all publications go through */
     ros::SerializedMessage made;
@@ -224,6 +190,7 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
     const auto serialize = [this, &message, &made] {
         if (!made.buf) made = ros::serialization::serializeMessage<Volume>(*message);
         last_ = made.buf;
+        last_bytes_ = made.num_bytes;
         return made;
     };
     if (over_links) serialize();

@@ -384,7 +384,7 @@ void set_defaults(Parameters *out)
     out->wrench_rate = 0;
     out->wrench_bound = 5;
     std::fill(out->slice, out->slice + 3, 0.5);
-    out->volume_threshold = 0;
+    out->volume_threshold = NAN;
     std::fill(out->volume_low, out->volume_low + 3, -INFINITY);
     std::fill(out->volume_high, out->volume_high + 3, INFINITY);
     out->preview_step = 4;

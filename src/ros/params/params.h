@@ -63,7 +63,7 @@ struct Parameters {
     double wrench_rate;                     /* of forces between steps [Hz]; 0: forces come with steps alone */
     double wrench_bound;                    /* that they may differ from those of the last step [N] */
     double slice[3];                        /* axial, coronal, sagittal: fraction of the volume's box */
-    double volume_threshold;                /* bricks whose voxels have all changed by less since they were sent are not sent [values of the scan] */
+    double volume_threshold;                /* bricks whose voxels have all changed by less since they were sent are sent at rest only [values of the scan]; NaN: the scan's noise */
     double volume_low[3], volume_high[3];   /* what of the volume is sent, LPS [m]; infinite: all */
     int preview_step;                       /* every so many-th voxel is in volume/preview */
 };
