@@ -121,6 +121,7 @@ class Tool:
         self.position, self.frame, self.closed = [0.0, 0.0, 0.0], frame, False
         self.is_on, self.with_jaw = False, True
         self.stamp = rospy.Time.now  # tests put wrong clocks in its place
+        self.pose_age = 0  # seconds that poses are older than jaws
         self.pose = rospy.Publisher(NAMESPACE + name + "/measured_cp", PoseStamped, queue_size=1)
         self.jaw = rospy.Publisher(NAMESPACE + name + "/jaw/measured_js", JointState, queue_size=1)
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -156,6 +157,8 @@ class Tool:
     def send(self):
         pose, jaw = PoseStamped(), JointState()
         pose.header.stamp = jaw.header.stamp = self.stamp()
+        if self.pose_age:
+            pose.header.stamp -= rospy.Duration(self.pose_age)
         pose.header.frame_id = self.frame
         pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = self.position
         pose.pose.orientation.w = 1.0
@@ -168,7 +171,7 @@ class Tool:
             pass  # shutting down
 
     def reset(self):
-        self.is_on, self.closed, self.with_jaw, self.stamp = False, False, True, rospy.Time.now
+        self.is_on, self.closed, self.with_jaw, self.stamp, self.pose_age = False, False, True, rospy.Time.now, 0
 
 
 class WholeVolume:

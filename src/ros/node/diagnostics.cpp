@@ -49,10 +49,14 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     StepHealth health = simulation_->health();
     uint64_t missed = health.missed >= missed_before_ ? health.missed - missed_before_ : health.missed;
     missed_before_ = health.missed;
+    const bool was_slow = health.slow > 0 && health.slow != slow_before_;
+    slow_before_ = health.slow;
+    const double slowest = health.busy_for > slow_after ? health.busy_for : was_slow ? health.last_slow : 0;
     uint8_t state = state_->state();
     bool failed = state == SimState::FAULT;
     if (!health.is_loaded) status.summary(DiagnosticStatus::WARN, failed ? "nothing could be loaded" : "loading");
     else if (failed) status.summary(DiagnosticStatus::ERROR, "the last step failed; see the topic state");
+    else if (slowest > 0) status.summaryf(DiagnosticStatus::ERROR, "a step takes %.1f s, more than %.1f s; forces stand still", slowest, slow_after);
     else if (health.is_paused) status.summary(DiagnosticStatus::OK, "paused");
     else if (health.inverted > 0) status.summary(DiagnosticStatus::WARN, "tetrahedra are turned inside out");
     else if (missed > 0) status.summary(DiagnosticStatus::WARN, "deadlines missed in the last second");
@@ -62,6 +66,8 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     status.add("p50 [ms]", 1e3 * health.p50);
     status.add("p99 [ms]", 1e3 * health.p99);
     status.add("missed deadlines in the last second", missed);
+    status.add("steps above 500 ms", health.slow);
+    status.add("present step [ms]", 1e3 * health.busy_for);
     status.add("missed deadlines", health.missed);
     status.add("inverted elements", health.inverted);
     status.add("iterations", health.iterations);
@@ -113,6 +119,8 @@ void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
     status.summary(DiagnosticStatus::OK, "what is wanted is published");
     for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(), keeper_->problem()})
         if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
+    status.add("volumes held for slow subscribers [MB]", 1e-6 * static_cast<double>(volume_output_->stream().held_bytes()));
+    status.add("largest error of sent volumes in motion [values of the scan]", volume_output_->stream().bound());
     if (camera_output_->any()) status.add("pictures", camera_output_->drawn());
 }
 

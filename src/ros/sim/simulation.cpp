@@ -23,7 +23,7 @@ double percentile(const std::vector<double> &sorted, double fraction)
 Simulation::Simulation(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Tools *tools,
                        FastForces *fast_forces, Snapshots *snapshots)
     : frame_(parameters.tissue_frame), background_(parameters.background), state_(state), live_(live), tools_(tools), fast_forces_(fast_forces),
-      snapshots_(snapshots), samples_(tools->size()), acted_(samples_), ramps_(tools->size()), was_open_(tools->size(), false)
+      snapshots_(snapshots), samples_(tools->size()), acted_(samples_), ramps_(tools->size()), was_open_(tools->size(), false), jaws_(tools->size())
 {
     timing_ = handle.advertise<StepTiming>("timing", 1);
     steps_ = handle.advertise<Step>("step", STEP_QUEUE);
@@ -204,8 +204,11 @@ void Simulation::run()
                 return;
             }
         }
+        begin_work();
         do_boundary_work();
+        end_work();
         if (!current_ || Clock::now() < next) continue;
+        begin_work();
         Clock::time_point start = Clock::now();
         std::chrono::duration<double> step_time(pliant_model_get_scene(current_->model)->solver.step);
         auto period = std::chrono::duration_cast<Clock::duration>(step_time);
@@ -216,6 +219,7 @@ void Simulation::run()
             broke_ = true;
             report_failure(failed);
         }
+        end_work();
         next = std::max(next + period, Clock::now()); /* a missed deadline is not caught up with */
     }
 }
@@ -304,11 +308,28 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         input.exchanged = tools_->parameters(i).shape_follows && (news || anew_);
         /* a jaw takes hold as it closes; one that comes closed pushes past the tissue, and one that holds by contact takes nothing */
         input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
-        input.closes = input.closed && was_open_[i] && !pliant_tool_shape_holds(pliant_model_get_scene(current_->model), &shape);
+        const bool holds_by_contact = pliant_tool_shape_holds(pliant_model_get_scene(current_->model), &shape);
+        input.closes = input.closed && was_open_[i] && !holds_by_contact;
+        tell_of_missed_closing(i, holds_by_contact);
         input.cuts = sample.present && cuts_now(i, sample);
         was_open_[i] = sample.present && sample.jaw == JAW_OPEN;
     }
     anew_ = false;
+}
+
+/* Log once a second that jaws have closed and taken nothing, until they open. */
+void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
+{
+    if (!tools_->parameters(tool).grasps) return;
+    JawWatch &jaw = jaws_[tool];
+    const ToolSample &sample = samples_[tool];
+    if (!sample.why.empty()) jaw.why = sample.why;
+    if (sample.jaw == JAW_CLOSED && jaw.last == JAW_OPEN) jaw.missed = !sample.present || !was_open_[tool];
+    if (sample.jaw == JAW_OPEN || (holds_by_contact && sample.present)) jaw.missed = false;
+    if (sample.jaw != JAW_UNKNOWN) jaw.last = sample.jaw;
+    if (jaw.missed && jaw.rate.due(1))
+        ROS_WARN("tool %s has closed its jaws and takes nothing: %s (~tool_max_age); open them and close them again", tools_->name(tool).c_str(),
+                 jaw.why.c_str());
 }
 
 /* What tools held when the process before this one ended, they hold again once they are there, with their jaws closed still. Until then
@@ -438,6 +459,22 @@ void Simulation::measure(double seconds)
     while (now - durations_.front().first > std::chrono::seconds(1)) durations_.pop_front();
 }
 
+void Simulation::begin_work()
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    busy_since_ = Clock::now();
+}
+
+void Simulation::end_work()
+{
+    std::lock_guard<std::mutex> hold(lock_);
+    const double seconds = std::chrono::duration<double>(Clock::now() - busy_since_).count();
+    busy_since_ = Clock::time_point();
+    if (!(seconds > slow_after)) return;
+    ++health_.slow;
+    health_.last_slow = seconds;
+}
+
 StepHealth Simulation::measured() const
 {
     std::lock_guard<std::mutex> hold(lock_);
@@ -448,6 +485,7 @@ StepHealth Simulation::measured() const
     out.p50 = percentile(sorted, 0.50);
     out.p99 = percentile(sorted, 0.99);
     out.rate = static_cast<double>(sorted.size());
+    out.busy_for = busy_since_ == Clock::time_point() ? 0 : std::chrono::duration<double>(Clock::now() - busy_since_).count();
     return out;
 }
 

@@ -24,6 +24,8 @@ struct StepHealth {
     bool is_loaded, is_paused;
     double rate, p50, p99, period; /* steps a second; of whole steps [s]; wanted between two [s] */
     uint64_t missed;               /* steps that took longer than their period, since the start */
+    uint64_t slow;                 /* steps, and what runs between two of them, that took longer than slow_after, since the start */
+    double last_slow, busy_for;    /* the last one of those; the present one, which has not ended; 0: none [s] */
     uint64_t failed, not_converged;
     int32_t iterations, inverted;
     double residual;
@@ -31,6 +33,9 @@ struct StepHealth {
     uint32_t revision;   /* after the last step; 0: none was made */
     const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */
 };
+
+/* A step that takes longer than this is an error for a robot [s]. */
+const double slow_after = 0.5;
 
 class Simulation {
 public:
@@ -66,6 +71,7 @@ private:
     void take_settings(Step *out) const;
     void tell_who_holds_nothing(const pliant_scene &scene) const;
     void take_tools(const ros::Time &now, bool forgotten, Step *out);
+    void tell_of_missed_closing(size_t tool, bool holds_by_contact);
     bool hold_again(const Step &step);
     void show(const ros::Time &now);
     void publish(const ros::Time &now);
@@ -77,6 +83,8 @@ private:
     uint32_t revision() const { return revision_of(*current_, pliant_data_get_body(data_.get())->revision); }
     void publish_step(pliant_status status, Step *step);
     void measure(double seconds);
+    void begin_work();
+    void end_work();
     StepHealth measured() const;
 
     const std::string frame_;
@@ -101,6 +109,14 @@ private:
     std::vector<ToolSample> samples_, acted_; /* acted: as a tool was there last */
     std::vector<Ramp> ramps_;                 /* of the forces, one a tool */
     std::vector<bool> was_open_; /* the jaw, at the step before */
+    /* Of a tool's jaw, whether or not the tool is present. */
+    struct JawWatch {
+        Jaw last = JAW_UNKNOWN;    /* that was known */
+        bool missed = false;       /* it has closed and taken nothing, for `why` */
+        std::string why;           /* the tool was last absent, or its jaw unknown */
+        Rate rate;
+    };
+    std::vector<JawWatch> jaws_;
     bool anew_ = false;          /* no turn yet of this simulation: it does not know the instruments */
     ros::Time last_time_;
 
@@ -110,6 +126,7 @@ private:
     std::shared_ptr<const Loaded> shown_;
     std::deque<std::pair<Clock::time_point, double>> durations_;
     StepHealth health_{};
+    Clock::time_point busy_since_{}; /* the epoch: it waits */
     bool stopping_ = false;
     std::thread thread_;
 };
