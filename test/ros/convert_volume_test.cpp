@@ -37,7 +37,7 @@ TEST(Convert, ChangedBricksBecomeBoxes)
 }
 
 /* whatever the pattern */
-TEST(Convert, EveryChangedBrickIsInABox)
+TEST(Convert, EveryChangedBrickIsInABoxAndNoOtherOne)
 {
     const int32_t count[3] = {5, 5, 5}, size[3] = {80, 80, 80};
     uint32_t random = 1;
@@ -45,6 +45,9 @@ TEST(Convert, EveryChangedBrickIsInABox)
         std::vector<uint8_t> changed(125, 0);
         for (int i = 0; i < round % 12; ++i) changed[((random = random * 1664525 + 1013904223) >> 8) % 125] = 1;
         std::vector<Box> boxes = changed_boxes(count, changed.data(), size);
+        size_t voxels = 0;
+        for (const Box &box : boxes) voxels += static_cast<size_t>(box.size[0]) * box.size[1] * box.size[2];
+        EXPECT_EQ(voxels, 4096u * static_cast<size_t>(std::count(changed.begin(), changed.end(), 1))) << "no other ones";
         for (uint32_t brick = 0; brick < 125; ++brick) {
             if (!changed[brick]) continue;
             const uint32_t at[3] = {brick % 5 * 16, brick / 5 % 5 * 16, brick / 25 * 16};
