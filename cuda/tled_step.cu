@@ -79,8 +79,8 @@ struct component {
     double u, d, factor, kept;
 };
 
-/* What is needed to find the forces on it. The rest is loaded once the forces are there: registers decide how many blocks a multiprocessor
- * holds, and the sum over the corners hides the wait. */
+/* Load the node and its corners. load_component loads the rest after the element forces. Fewer live registers let a multiprocessor hold
+ * more blocks, and the sum over the corners hides the latency. */
 static __device__ __forceinline__ component find_component(const gpu_tled &tled, int32_t first, int32_t count)
 {
     component out = {};
@@ -127,8 +127,8 @@ static __device__ __forceinline__ void share(double mine, int k, double all[3])
 /* an index that is known only while running would put the array into slow memory */
 static __device__ __forceinline__ double pick(const double all[3], int k) { return k == 0 ? all[0] : k == 1 ? all[1] : all[2]; }
 
-/* What a kernel is made for. Less needs fewer registers, so that a multiprocessor holds more blocks: 4 of 256 threads up to 64 registers,
- * 3 up to 80, 2 up to 128. */
+/* Cases of the sub-step kernel. A simpler case needs fewer registers, so that a multiprocessor holds more blocks of 256 threads: 4 blocks
+ * up to 64 registers, 3 up to 80, 2 up to 128. */
 enum kernel_kind {
     FREE_TETS,                 /* tetrahedra that meet no wall */
     TETS,

@@ -9,6 +9,7 @@
 static const double smallest_body = 0.05, largest_body = 0.6;        /* lengths are those of patients between them [m] */
 static const double radius = 0.006, drag = 0.003, margin = 0.03;     /* of a patient [m] */
 static const double most_growth = 4;                                 /* of the deformed volume over the scan, in voxels */
+static const double least_announced = 1e6;                          /* a smaller volume needs no warning [bytes] */
 
 /* Return the cube root of the tissue's volume [m]. */
 static double size_of(const pliant_geometry *scan, const uint8_t *material_of_voxel, const pliant_material_table *materials)
@@ -70,8 +71,10 @@ void pliant_model_set_lengths(pliant_model *model)
         pliant_log(PLIANT_LOG_INFO, "lengths that are auto follow from the body's size, %.4g mm (cube root of the tissue's volume): warp/margin %.3g mm, "
                    "grasp/radius %.3g mm, cut/drag %.3g mm", 1e3 * size, 1e3 * scene->warp.margin, 1e3 * scene->grasp.radius, 1e3 * scene->cut.drag);
     const double growth = asked ? growth_of(model, scene->warp.margin, &target) : 1;
-    if (growth > most_growth && isfinite(growth))
+    if (!(growth > most_growth) || !isfinite(growth)) return;
+    const double bytes = (double)pliant_geometry_voxels(&target) * (double)pliant_encoding_size(model->scan->encoding);
+    if (bytes > least_announced)
         pliant_log(PLIANT_LOG_WARNING, "warp/margin %g m makes the deformed volume %d x %d x %d voxels, %.0f times the scan: that takes %.3g GB or more; auto, or "
                    "a smaller margin, keeps it small", scene->warp.margin, target.size[0], target.size[1], target.size[2], growth,
-                   1e-9 * (double)pliant_geometry_voxels(&target) * (double)pliant_encoding_size(model->scan->encoding));
+                   1e-9 * bytes);
 }

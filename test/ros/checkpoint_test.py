@@ -65,7 +65,7 @@ class CheckpointTest(unittest.TestCase):
         change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
         change(Config(doubles=[DoubleParameter("gravity_z", -1.5)]))
         corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
-        placed = call("register", Register, Header(frame_id="world"), [Point(*p) for p in corners], [Point(x, y, z + 0.25) for x, y, z in corners])
+        placed = call("register", Register, Header(frame_id="world"), [Point(*p) for p in corners], [Point(x, y, z + 0.25) for x, y, z in corners], 0)
         self.assertTrue(placed.success, placed.message)
         front, materials = node.front(), node.info.message.material_names
         line = [Point(front[0] + 0.03, front[1] - 0.1, front[2] + dz) for dz in (-0.03, 0.03)]

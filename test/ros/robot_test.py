@@ -185,16 +185,16 @@ class RobotTest(unittest.TestCase):
     def test_the_tissue_lies_where_points_say(self):
         landmarks = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)]
         room = [Point(x + 0.01, y, z - 0.2) for x, y, z in landmarks]
-        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], room)
+        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], room, 0)
         self.assertTrue(answer.success, answer.message)
         self.assertLess(answer.error, 1e-9)
         self.assertAlmostEqual(answer.pose.position.x, 0.01)
         self.assertAlmostEqual(answer.pose.position.z, -0.2)
-        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks[:2]], room[:2])
+        answer = call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks[:2]], room[:2], 0)
         self.assertFalse(answer.success)
         self.assertIn("three", answer.message)
         back = [Point(x, y, z - 0.2) for x, y, z in landmarks]
-        self.assertTrue(call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], back).success)
+        self.assertTrue(call("register", Register, Header(frame_id="PSM1_base"), [Point(*p) for p in landmarks], back, 0).success)
 
 
 if __name__ == "__main__":
