@@ -268,7 +268,7 @@ def say(*words):
 class Slow(WholeVolume):
     def take(self, message):
         super().take(message)
-        say("took", message.sequence)
+        say("took", self.bytes)
         gate.wait()
 volume = Slow()
 for line in sys.stdin:
@@ -310,6 +310,7 @@ for line in sys.stdin:
         patience.start()
         self.addCleanup(patience.cancel)
         self.assertTrue(slow.stdout.readline().startswith("took"))
+        began = fast.bytes
         pull_to_and_fro(10)
         self.assertFalse(fast.is_lost)
         # each of two links writes one message, and both share the newest one
@@ -332,7 +333,8 @@ for line in sys.stdin:
                 said.append(line.strip())
             return said.pop() == whole
         wait_for(holds_the_whole, "the slow reader to hold the whole")
-        self.assertLess(len(said), 12, "newest wins: it did not read all that the other one got")
+        read = int(said[-1].split()[1]) if said else 0
+        self.assertLess(read, 0.5 * (fast.bytes - began), "newest wins: it did not read all that the other one got")
 
     def test_resend_sends_the_whole(self):
         volume = self.whole_volume()
@@ -478,7 +480,7 @@ for line in sys.stdin:
         self.assertIn("nothing runs", again.message)
         # the next one waits until the cancelled one has ended
         self.assertTrue(self.node.load("phantom:48x40x40", options=["mesh/coarse_cells=5 5 5"]).success)
-        self.assertEqual(self.node.info.message.scan_id, "phantom")
+        self.assertRegex(self.node.info.message.scan_id, "^phantom-[0-9a-f]{16}$")
 
     def test_refused_materials(self):
         for yaml in ("", "materials: 3", "materials: [{name: a, young_modulus: -1}]", "{"):
