@@ -37,7 +37,7 @@ TEST(Convert, ChangedBricksBecomeBoxes)
 }
 
 /* whatever the pattern */
-TEST(Convert, EveryChangedBrickIsInABoxAndNoOtherOne)
+TEST(Convert, EveryChangedBrickIsInABox)
 {
     const int32_t count[3] = {5, 5, 5}, size[3] = {80, 80, 80};
     uint32_t random = 1;
@@ -45,9 +45,6 @@ TEST(Convert, EveryChangedBrickIsInABoxAndNoOtherOne)
         std::vector<uint8_t> changed(125, 0);
         for (int i = 0; i < round % 12; ++i) changed[((random = random * 1664525 + 1013904223) >> 8) % 125] = 1;
         std::vector<Box> boxes = changed_boxes(count, changed.data(), size);
-        size_t voxels = 0;
-        for (const Box &box : boxes) voxels += static_cast<size_t>(box.size[0]) * box.size[1] * box.size[2];
-        EXPECT_EQ(voxels, 4096u * static_cast<size_t>(std::count(changed.begin(), changed.end(), 1))) << "no other ones";
         for (uint32_t brick = 0; brick < 125; ++brick) {
             if (!changed[brick]) continue;
             const uint32_t at[3] = {brick % 5 * 16, brick / 5 % 5 * 16, brick / 25 * 16};
@@ -288,8 +285,7 @@ TEST(Convert, TheNearestBoxesAreMerged)
     EXPECT_EQ(two[1].offset[0], 90u);
     EXPECT_EQ(merged_boxes(boxes, 3).size(), 3u);
     const std::vector<Box> one = merged_boxes(std::vector<Box>(1000, boxes[2]), 8);
-    ASSERT_LE(one.size(), 8u);
-    ASSERT_GE(one.size(), 1u);
+    ASSERT_EQ(one.size(), 1u);
     EXPECT_EQ(one[0].size[0], 4u);
     EXPECT_EQ(common_box(boxes[0], boxes[2]).size[0], 0u);
     EXPECT_EQ(common_box(two[0], boxes[2]).offset[0], 5u);

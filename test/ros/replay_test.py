@@ -89,8 +89,9 @@ class ReplayTest(unittest.TestCase):
     def record(cls):
         """A cycle of the scripted tool; cls.live is what was shown while it was surely recorded."""
         # a replay has every change; a live volume has those below the scan's noise at rest only, unless asked for
-        rospy.set_param(NAMESPACE + "sim/output/volume_threshold", 0)
-        live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml")
+        with open(cls.folder + "/params.yaml", "w") as file:
+            file.write("output: {volume_threshold: 0}\n")
+        live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml", params=cls.folder + "/params.yaml")
         state, volumes = Latest("state", SimState), Checksums()
         recorder = None
         try:

@@ -83,7 +83,8 @@ bool geometry_from_message(const uint32_t size[3], const geometry_msgs::Pose &or
 struct Box {
     uint32_t offset[3], size[3];
 };
-/** Boxes (in voxels of the volume) that hold the changed bricks and no other ones. Empty when nothing changed. */
+/** The smallest boxes (in voxels of the volume) around each connected group of changed bricks; one box where
+ *  several would hold more voxels. Empty when nothing changed. */
 std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, const int32_t size[3]);
 /** At most so many boxes that hold the same voxels: those whose union adds the fewest others become one. Of more than 128 boxes: the one that holds all. */
 std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most);

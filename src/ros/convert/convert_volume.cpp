@@ -9,7 +9,7 @@ namespace pliant_ros {
 
 namespace {
 
-enum { MAX_SLICE_PIXELS = 2048, MAX_MERGED = 160 };
+enum { MAX_SLICE_PIXELS = 2048, MAX_MERGED = 128 };
 
 size_t voxels_of(const Box &box) { return static_cast<size_t>(box.size[0]) * box.size[1] * box.size[2]; }
 
@@ -25,25 +25,30 @@ Box box_of_bricks(const int32_t low[3], const int32_t high[3], const int32_t siz
     return box;
 }
 
-/* A box of bricks that are all left: as long as possible along i, then j, then k. They are taken off. */
-void grow(const int32_t count[3], std::vector<uint8_t> *left, const int32_t low[3], int32_t high[3])
+/* grow [low, high] over all changed bricks that touch `seed`, by face, edge or corner, and take them off */
+void flood(const int32_t count[3], std::vector<uint8_t> *left, size_t seed, int32_t low[3], int32_t high[3])
 {
-    const auto all_left = [&](int32_t d) { /* in the layer behind `high` along d */
-        int32_t from[3] = {low[0], low[1], low[2]}, to[3] = {high[0], high[1], high[2]};
-        from[d] = to[d] = high[d] + 1;
-        if (to[d] >= count[d]) return false;
-        for (int32_t k = from[2]; k <= to[2]; ++k)
-            for (int32_t j = from[1]; j <= to[1]; ++j)
-                for (int32_t i = from[0]; i <= to[0]; ++i)
-                    if (!(*left)[i + static_cast<size_t>(count[0]) * (j + static_cast<size_t>(count[1]) * k)]) return false;
-        return true;
-    };
-    std::copy(low, low + 3, high);
-    for (int32_t d = 0; d < 3; ++d)
-        while (all_left(d)) ++high[d];
-    for (int32_t k = low[2]; k <= high[2]; ++k)
-        for (int32_t j = low[1]; j <= high[1]; ++j)
-            for (int32_t i = low[0]; i <= high[0]; ++i) (*left)[i + static_cast<size_t>(count[0]) * (j + static_cast<size_t>(count[1]) * k)] = 0;
+    std::vector<size_t> stack(1, seed);
+    (*left)[seed] = 0;
+    while (!stack.empty()) {
+        size_t brick = stack.back();
+        stack.pop_back();
+        const int32_t at[3] = {static_cast<int32_t>(brick % count[0]),
+                               static_cast<int32_t>(brick / count[0] % count[1]),
+                               static_cast<int32_t>(brick / count[0] / count[1])};
+        for (int d = 0; d < 3; ++d) {
+            low[d] = std::min(low[d], at[d]);
+            high[d] = std::max(high[d], at[d]);
+        }
+        for (int32_t k = std::max(at[2] - 1, 0); k <= std::min(at[2] + 1, count[2] - 1); ++k)
+            for (int32_t j = std::max(at[1] - 1, 0); j <= std::min(at[1] + 1, count[1] - 1); ++j)
+                for (int32_t i = std::max(at[0] - 1, 0); i <= std::min(at[0] + 1, count[0] - 1); ++i) {
+                    size_t next = i + static_cast<size_t>(count[0]) * (j + static_cast<size_t>(count[1]) * k);
+                    if (!(*left)[next]) continue;
+                    (*left)[next] = 0;
+                    stack.push_back(next);
+                }
+    }
 }
 
 /* stored voxels around a continuous index; the index is inside the grid */
@@ -184,14 +189,22 @@ std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, c
     size_t bricks = static_cast<size_t>(count[0]) * count[1] * count[2];
     std::vector<uint8_t> left(changed, changed + bricks);
     std::vector<Box> boxes;
+    int32_t all_low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, all_high[3] = {-1, -1, -1};
+    size_t voxels = 0;
     for (size_t brick = 0; brick < bricks; ++brick) {
         if (!left[brick]) continue;
-        const int32_t low[3] = {static_cast<int32_t>(brick % count[0]), static_cast<int32_t>(brick / count[0] % count[1]),
-                                static_cast<int32_t>(brick / count[0] / count[1])};
-        int32_t high[3];
-        grow(count, &left, low, high);
+        int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, high[3] = {-1, -1, -1};
+        flood(count, &left, brick, low, high);
         boxes.push_back(box_of_bricks(low, high, size));
+        voxels += voxels_of(boxes.back());
+        for (int d = 0; d < 3; ++d) {
+            all_low[d] = std::min(all_low[d], low[d]);
+            all_high[d] = std::max(all_high[d], high[d]);
+        }
     }
+    if (boxes.size() < 2) return boxes;
+    Box whole = box_of_bricks(all_low, all_high, size);
+    if (voxels_of(whole) <= voxels) boxes.assign(1, whole);
     return boxes;
 }
 
@@ -208,9 +221,9 @@ Box common_box(const Box &a, const Box &b)
 
 std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most)
 {
-    while (boxes.size() > MAX_MERGED) { /* neighbours in the list, which mostly touch: all pairs would take too long */
-        for (size_t n = 0; 2 * n < boxes.size(); ++n) boxes[n] = box_around(boxes[2 * n], boxes[std::min(2 * n + 1, boxes.size() - 1)]);
-        boxes.resize((boxes.size() + 1) / 2);
+    if (boxes.size() > MAX_MERGED) {
+        for (const Box &box : boxes) boxes[0] = box_around(boxes[0], box);
+        boxes.resize(1);
     }
     while (boxes.size() > most) {
         size_t first = 0, second = 1, fewest = SIZE_MAX;

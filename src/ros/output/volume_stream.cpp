@@ -8,17 +8,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
 
 namespace pliant_ros {
 
 namespace {
 
 enum {
-    MOST_BOXES = 24,    /* that one update is sent as */
+    MOST_BOXES = 8,       /* that one update is sent as */
     REPLAY_QUEUE = 1024   /* states come as fast as a bag is played, and none is to be missed */
 };
-const std::chrono::milliseconds box_patience(2); /* that a box is written in, or the next ones wait */
 const std::chrono::milliseconds patience(100);  /* that a slow subscriber holds up the others for */
 const std::chrono::seconds forgotten_after(60); /* who is that far behind gets the whole once it is ready */
 const double resend_rate = 1;                   /* [Hz] */
@@ -147,8 +145,6 @@ void VolumeStream::send_changes(const Warped &warped, const Snapshot &snapshot, 
         pending_.pop_back();
         if (held) continue;
         base_ = sequence_;
-        const Clock::time_point until = Clock::now() + box_patience;
-        while (is_held() && Clock::now() < until) std::this_thread::sleep_for(std::chrono::microseconds(100));
         if (is_held()) break;
     }
 }
