@@ -90,7 +90,7 @@ class ReplayTest(unittest.TestCase):
         """A cycle of the scripted tool; cls.live is what was shown while it was surely recorded."""
         # a replay has every change; a live volume has those below the scan's noise at rest only, unless asked for
         with open(cls.folder + "/params.yaml", "w") as file:
-            file.write("output: {volume_threshold: 0}\n")
+            file.write("volume_threshold: 0\n")
         live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml", params=cls.folder + "/params.yaml")
         state, volumes = Latest("state", SimState), Checksums()
         recorder = None

@@ -56,7 +56,7 @@ class SessionTest(unittest.TestCase):
     def record(cls):
         # a replay has every change; a live volume has those below the scan's noise at rest only, unless asked for
         with open(cls.folder + "/params.yaml", "w") as file:
-            file.write("output: {volume_threshold: 0}\n")
+            file.write("volume_threshold: 0\n")
         live = Launch("tissue.launch", scan=FIRST, scene=cls.folder + "/scene.yaml", params=cls.folder + "/params.yaml", tool_max_age="1", parent_frame="")
         volumes, recorder = Checksums(), None
         try:
