@@ -323,7 +323,8 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
                             median(copied.frame), percentile(copied.frame, 0.99), median(forces[d][b].frame), percentile(forces[d][b].frame, 0.99));
                 const std::string file = std::strrchr(scene_path, '/') ? std::strrchr(scene_path, '/') + 1 : scene_path;
                 const std::string size = std::to_string(model->body->fine.num_tets) + " tetrahedra";
-                if (budgets[b] == 3) figure("frame, " + file + ", " + size + ", " + (d == 0 ? "displacement" : "force"), 1e3 * median(fast.frame), "us");
+                const char *inverse = choice == PLIANT_DIRECT ? "direct, " : "multigrid, ";
+                if (budgets[b] == 3) figure("frame, " + file + ", " + size + ", " + inverse + (d == 0 ? "displacement" : "force"), 1e3 * median(fast.frame), "us");
             }
         }
         pliant_data_free(data);
