@@ -1,4 +1,4 @@
-/* Contacts of explicit dynamics on the GPU: points are found by the host as a frame begins (src/sim/contact.c), put right in every sub-step by one block
+/* Contacts of explicit dynamics on the GPU: points are found by the host as a frame begins (src/sim/step/contact.c), put right in every sub-step by one block
  * (tled_touch.cuh), and their forces come back as it ends. */
 #ifndef PLIANT_CUDA_TLED_TOUCH_H
 #define PLIANT_CUDA_TLED_TOUCH_H

@@ -5,7 +5,7 @@
 #include "pipeline/body.h"
 #include "pipeline/fragments.h"
 #include "pliant/memory.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 
 #include <memory>
 #include <random>

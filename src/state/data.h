@@ -95,7 +95,7 @@ typedef struct pliant_undo {
     bool told;                /* that there are no more of them */
 } pliant_undo;
 
-typedef struct pliant_contact_search pliant_contact_search; /* room, and sides of parts on which the tissue is (src/sim/contact.c) */
+typedef struct pliant_contact_search pliant_contact_search; /* room, and sides of parts on which the tissue is (src/sim/step/contact.c) */
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
@@ -130,9 +130,9 @@ struct pliant_data {
     /* CONTACT, SOLVE */
     pliant_contact_search *contact_search; /* Nullable: there was nothing to touch yet */
     pliant_contacts contacts; /* of this step: points by who finds them, forces by who solves */
-    int32_t parts;            /* that this step is taken in, or as many as would be like this one; each has its points (sim/substeps.h, sim/frame_parts.h) */
-    struct pliant_step_begin *step_begin; /* Nullable: what the last step began with in which a tool went far (sim/substeps.c) */
-    struct pliant_frame_begin *frame_begin; /* Nullable: what the last frame of explicit dynamics began with that was run in parts (sim/frame_parts.c) */
+    int32_t parts;            /* that this step is taken in, or as many as would be like this one; each has its points (sim/step/substeps.h, sim/step/frame_parts.h) */
+    struct pliant_step_begin *step_begin; /* Nullable: what the last step began with in which a tool went far (sim/step/substeps.c) */
+    struct pliant_frame_begin *frame_begin; /* Nullable: what the last frame of explicit dynamics began with that was run in parts (sim/step/frame_parts.c) */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */
     pliant_tled *tled;        /* Nullable: solver/kind tled */

@@ -10,8 +10,8 @@
 // in it.
 #include "frames.h"
 #include "fem/quasistatic/solver.h"
-#include "sim/cut.h"
-#include "sim/discretization.h"
+#include "sim/step/cut.h"
+#include "sim/build/discretization.h"
 #include "warp/device.h"
 
 #include <ctime>

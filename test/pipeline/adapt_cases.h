@@ -4,7 +4,7 @@
 
 #include "body.h"
 #include "fragments.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 #include "state/data.h"
 #include "pliant/memory.h"
 #include "warp/raster.h"

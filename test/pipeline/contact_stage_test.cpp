@@ -1,7 +1,7 @@
 // The stage of a step that finds where instruments touch: whatever they do, nothing passes, nothing explodes, and it costs nothing where nothing can touch.
 #include "pliant/memory.h"
 #include "sheet.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 #include "solids.h"
 
 #include <fstream>

@@ -3,7 +3,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/falling/pieces.h"
 #include "fem/quasistatic/cone_rules.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include <cstdio>
 #include <random>

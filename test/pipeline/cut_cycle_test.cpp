@@ -3,7 +3,7 @@
 #include "body.h"
 #include "base/dense.h"
 #include "fem/linear/hierarchy.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 
 #include <memory>
 #include <random>

@@ -1,6 +1,6 @@
 // Blades through tissue, step by step: what they part, what it takes, and what is left as it was.
 #include "cuts.h"
-#include "sim/cut.h"
+#include "sim/step/cut.h"
 #include "pliant/memory.h"
 
 #include <algorithm>

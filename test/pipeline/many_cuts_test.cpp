@@ -1,7 +1,7 @@
 // Cut after cut in one simulation: nothing is left over, what does not change is shared, what follows is as made anew, and what is drawn is what a warp
 // made anew draws.
 #include "../cuts.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 
 #include <atomic>
 #include <malloc.h>

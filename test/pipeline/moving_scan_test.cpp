@@ -1,6 +1,6 @@
 // Random strokes of a blade through a CT that moves under it meanwhile, as its solver moves it: what hangs together, what it weighs, what it is stiff by.
 #include "../elements.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 
 #include <cstdlib>
 #include <fstream>

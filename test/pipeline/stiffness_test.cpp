@@ -1,6 +1,6 @@
 // The stiffness of what strokes leave: of every element, and of a whole piece that has come off.
 #include "../elements.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 
 namespace {
 

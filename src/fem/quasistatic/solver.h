@@ -105,7 +105,7 @@ struct pliant_solver {
     double smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
     double spent;               /* of that by solves before, of a step that has several [s] */
-    double reserved;            /* share of it that is left for solves of the parts that come after this one (sim/substeps.h) */
+    double reserved;            /* share of it that is left for solves of the parts that come after this one (sim/step/substeps.h) */
     double evaluation_seconds;  /* of a whole one, in the last step that had one */
     double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
     void *clock_user;

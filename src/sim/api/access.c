@@ -1,7 +1,7 @@
 /* What a model and a data tell of themselves. */
 #include "base/fail.h"
 #include "material/mixed.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include "backend/backend.h"
 #include "base/fail.h"

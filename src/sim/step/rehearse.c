@@ -5,8 +5,8 @@
 #include "fem/quasistatic/solver.h"
 #include "pliant/cut.h"
 #include "pliant/memory.h"
-#include "sim/cut.h"
-#include "sim/discretization.h"
+#include "sim/step/cut.h"
+#include "sim/build/discretization.h"
 #include "warp/device.h"
 
 #include <math.h>

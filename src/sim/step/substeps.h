@@ -2,7 +2,7 @@
 #ifndef PLIANT_SIM_SUBSTEPS_H
 #define PLIANT_SIM_SUBSTEPS_H
 
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,9 +1,9 @@
-#include "sim/frame_parts.h"
+#include "sim/step/frame_parts.h"
 
 #include "backend/backend.h"
 #include "fem/dynamics/tled.h"
 #include "pliant/memory.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include <math.h>
 #include <string.h>

@@ -10,8 +10,8 @@
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
-#include "sim/discretization.h"
-#include "sim/held.h"
+#include "sim/build/discretization.h"
+#include "sim/step/held.h"
 #include "warp/device.h"
 
 #include <string.h>

@@ -2,8 +2,8 @@
 #include "base/fail.h"
 #include "interact/blade.h"
 #include "pliant/memory.h"
-#include "sim/cut.h"
-#include "sim/held.h"
+#include "sim/step/cut.h"
+#include "sim/step/held.h"
 
 #include <math.h>
 #include <string.h>

@@ -8,12 +8,12 @@
 #include "fem/quasistatic/solver.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"
-#include "sim/contact.h"
-#include "sim/cut.h"
-#include "sim/discretization.h"
-#include "sim/frame_parts.h"
-#include "sim/held.h"
-#include "sim/substeps.h"
+#include "sim/step/contact.h"
+#include "sim/step/cut.h"
+#include "sim/build/discretization.h"
+#include "sim/step/frame_parts.h"
+#include "sim/step/held.h"
+#include "sim/step/substeps.h"
 
 #include <string.h>
 

@@ -5,12 +5,12 @@
 #include "fem/dynamics/tled.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 #include "scene/elements.h"
 #include "scene/options.h"
-#include "sim/fixed.h"
-#include "sim/lengths.h"
-#include "sim/slides.h"
+#include "sim/build/fixed.h"
+#include "sim/build/lengths.h"
+#include "sim/build/slides.h"
 #include "warp/hidden.h"
 
 #include <string.h>

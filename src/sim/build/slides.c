@@ -1,4 +1,4 @@
-#include "sim/slides.h"
+#include "sim/build/slides.h"
 
 #include "base/fail.h"
 #include "body/links.h"

@@ -11,7 +11,7 @@
 #include "base/rotate.h"
 #include "interact/blade.h"
 #include "interact/tool.h"
-#include "sim/cut.h"
+#include "sim/step/cut.h"
 
 #include <math.h>
 #include <string.h>

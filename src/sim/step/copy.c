@@ -7,9 +7,9 @@
 #include "interact/tool.h"
 #include "pliant/memory.h"
 #include "scene/options.h"
-#include "sim/contact.h"
-#include "sim/cut.h"
-#include "sim/held.h"
+#include "sim/step/contact.h"
+#include "sim/step/cut.h"
+#include "sim/step/held.h"
 #include "warp/device.h"
 
 #include <string.h>

@@ -6,7 +6,7 @@
 #include "base/dense.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/stiffness.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,11 +1,11 @@
-#include "sim/substeps.h"
+#include "sim/step/substeps.h"
 
 #include "backend/backend.h"
 #include "fem/falling/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include <math.h>
 #include <string.h>

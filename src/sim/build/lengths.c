@@ -1,4 +1,4 @@
-#include "sim/lengths.h"
+#include "sim/build/lengths.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

@@ -1,4 +1,4 @@
-#include "sim/fixed.h"
+#include "sim/build/fixed.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

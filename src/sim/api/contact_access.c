@@ -1,7 +1,7 @@
 /* What a step tells of contacts. */
 #include "base/fail.h"
 #include "pliant/memory.h"
-#include "sim/contact.h"
+#include "sim/step/contact.h"
 
 #include <math.h>
 #include <string.h>

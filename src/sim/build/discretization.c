@@ -1,4 +1,4 @@
-#include "sim/discretization.h"
+#include "sim/build/discretization.h"
 
 #include "base/fail.h"
 #include "base/room.h"
