@@ -4,7 +4,7 @@
  * lists lie one after the other, and threads share what comes after each entry. Pairs are the same in any order, and are sorted where they are asked for. */
 #include "overlaps.cuh"
 
-#include "contact/overlap.h"
+#include "contact/detect/overlap.h"
 #include "pliant/fail.h"
 #include "pliant/memory.h"
 

@@ -1,4 +1,4 @@
-/* Tetrahedra that overlap, found on the GPU by the rules of contact/grid.c and contact/overlap.h: the same pairs. */
+/* Tetrahedra that overlap, found on the GPU by the rules of contact/detect/grid.c and contact/detect/overlap.h: the same pairs. */
 #ifndef PLIANT_CUDA_OVERLAPS_H
 #define PLIANT_CUDA_OVERLAPS_H
 

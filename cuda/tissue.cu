@@ -3,7 +3,7 @@
 #include "tissue.h"
 
 #include "check.h"
-#include "contact/tissue_rules.h"
+#include "contact/detect/tissue_rules.h"
 #include "device.h"
 #include "overlaps.cuh"
 #include "pliant/fail.h"

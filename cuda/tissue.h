@@ -1,8 +1,8 @@
-/* Who searches for tissue that touches tissue (contact/tissue.h): the GPU. */
+/* Who searches for tissue that touches tissue (contact/detect/tissue.h): the GPU. */
 #ifndef PLIANT_CUDA_TISSUE_H
 #define PLIANT_CUDA_TISSUE_H
 
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -3,7 +3,7 @@
 #include "anderson.h"
 #include "base/fail.h"
 #include "check.h"
-#include "fem/quasistatic/cone_rules.h"
+#include "contact/solve/cone_rules.h"
 #include "pliant/memory.h"
 #include "solver.h"
 #include "touch_kernels.h"

@@ -1,7 +1,7 @@
 #include "touch_kernels.h"
 
 #include "check.h"
-#include "fem/quasistatic/cone_rules.h"
+#include "contact/solve/cone_rules.h"
 #include "warp_sum.cuh"
 
 enum { CONE_THREADS = 512, COPIES = 8, THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };

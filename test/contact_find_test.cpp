@@ -1,5 +1,5 @@
 // Where parts that move touch the surface of the tissue: nothing passes, points are the same for everybody, and stand for the area in touch.
-#include "contact/find.h"
+#include "contact/detect/find.h"
 #include "pipeline/body.h"
 #include "pliant/memory.h"
 #include "solids.h"

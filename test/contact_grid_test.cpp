@@ -1,6 +1,6 @@
 // Which tetrahedra of a deformed mesh overlap, against all pairs.
-#include "contact/grid.h"
-#include "contact/overlap.h"
+#include "contact/detect/grid.h"
+#include "contact/detect/overlap.h"
 #include "pliant/memory.h"
 
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 // Two tetrahedra overlap or not, against separating axes in whole numbers.
 #include "../cuda/overlaps_side.h"
-#include "contact/overlap.h"
+#include "contact/detect/overlap.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Distances from rigid parts, against what is sampled densely; where an edge or a triangle is nearest to one.
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 // Solids from triangles and STL files: distances against what is known of their shapes; what is no solid is refused.
 #include "solids.h"
 
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 #include "pliant/memory.h"
 
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // Where tissue touches tissue: blocks, bars that cross, a strip that is folded, the two sides of a cut.
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 #include "cuts.h"
 
 #include <array>

@@ -39,7 +39,7 @@ typedef struct pliant_tool_shape {
 } pliant_tool_shape;
 
 /** The shape of an instrument by its name, that of the dVRK's tool files with or without the model's number: LARGE_NEEDLE_DRIVER_400006, prograsp_forceps;
- *  also probe and camera. Where dimensions are published and where they are estimates stands in src/contact/instruments.c. The jaws turn about x;
+ *  also probe and camera. Where dimensions are published and where they are estimates stands in src/contact/shapes/instruments.c. The jaws turn about x;
  *  a robot whose frame lies on their joint, as the dVRK's, needs what pliant_tool_shape_move does.
  *  Errors: ARGUMENT (another name; the message lists them). */
 PLIANT_API pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out);

@@ -4,7 +4,7 @@
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 #include "state/data.h"
 #include "scene/gpu_choice.h"
 

@@ -1,5 +1,5 @@
 /* How far a tool's tip is from the tissue. */
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 #include "pliant/cut.h"
 #include "state/data.h"
 

@@ -1,7 +1,7 @@
 #include "interact/shape_text.h"
 
 #include "base/fail.h"
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 #include "pliant/memory.h"
 
 #include <stdio.h>

@@ -1,7 +1,7 @@
 /* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
  * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
 #include "base/fail.h"
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 #include "interact/blade.h"
 #include "interact/tool.h"
 #include "pliant/memory.h"

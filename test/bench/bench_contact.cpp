@@ -2,7 +2,7 @@
 // of a million that is rolled up until its ends meet, those at the surface alone, as a step does, and all of them.
 //
 //   bench_contact [threads]
-#include "contact/grid.h"
+#include "contact/detect/grid.h"
 #include "rolled.h"
 
 #include <cstdio>

@@ -4,7 +4,7 @@
 //   bench_overlaps [RUNS [small]]   small: 13,720 tetrahedra alone, as for compute-sanitizer
 #include "../../cuda/overlaps.h"
 #include "../../cuda/tissue.h"
-#include "contact/grid.h"
+#include "contact/detect/grid.h"
 #include "figure.h"
 #include "pliant/memory.h"
 #include "rolled.h"

@@ -2,7 +2,7 @@
 #include "../contacts.h"
 #include "half_space.h"
 #include "fem/dynamics/tled.h"
-#include "fem/quasistatic/cones.h"
+#include "contact/solve/cones.h"
 #include "state/discretization.h"
 
 #include <random>

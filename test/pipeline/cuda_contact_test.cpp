@@ -2,7 +2,7 @@
 #include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
 #include "fem/falling/pieces.h"
-#include "fem/quasistatic/cone_rules.h"
+#include "contact/solve/cone_rules.h"
 #include "sim/step/contact.h"
 
 #include <cstdio>

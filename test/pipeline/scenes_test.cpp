@@ -1,5 +1,5 @@
 // Demonstration scenes: of explicit dynamics, on a small phantom, where the liver hangs, and falls; of all that touches, on a CT.
-#include "contact/follow.h"
+#include "contact/detect/follow.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
 

@@ -1,6 +1,6 @@
 // Tissue on tissue in the quasi-static solver: a bar that was cut carries pressure as a whole one does and opens under tension; layers that slide.
 #include "body.h"
-#include "contact/follow.h"
+#include "contact/detect/follow.h"
 
 #include <set>
 

@@ -3,7 +3,7 @@
 #define PLIANT_TEST_SHEET_H
 
 #include "body.h"
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 
 // A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
 struct Sheet : Body {

@@ -3,7 +3,7 @@
 #define PLIANT_TEST_TONGUE_H
 
 #include "body.h"
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 
 #include <algorithm>
 

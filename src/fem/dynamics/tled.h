@@ -17,7 +17,7 @@
 
 #include "fem/element/law.h"
 #include "base/lanes.h"
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 #include "fem/dynamics/touch.h"
 #include "state/data.h"
 

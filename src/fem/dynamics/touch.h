@@ -3,7 +3,7 @@
 #ifndef PLIANT_FEM_DYNAMICS_TOUCH_H
 #define PLIANT_FEM_DYNAMICS_TOUCH_H
 
-#include "contact/follow.h"
+#include "contact/detect/follow.h"
 #include "fem/dynamics/substep.h"
 
 #ifdef __cplusplus

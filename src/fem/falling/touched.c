@@ -1,8 +1,8 @@
 /* Pieces that touch something: how they would go on, and how they do. */
 #include "fem/falling/pieces.h"
 
-#include "contact/find.h"
-#include "contact/follow.h"
+#include "contact/detect/find.h"
+#include "contact/detect/follow.h"
 #include "base/dense.h"
 
 #include <math.h>

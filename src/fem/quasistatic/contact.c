@@ -1,7 +1,7 @@
 #include "fem/quasistatic/contact.h"
 
 #include "base/fail.h"
-#include "fem/quasistatic/cones.h"
+#include "contact/solve/cones.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 

@@ -2,7 +2,7 @@
 #ifndef PLIANT_SIM_CONTACT_H
 #define PLIANT_SIM_CONTACT_H
 
-#include "contact/find.h"
+#include "contact/detect/find.h"
 #include "state/data.h"
 
 #ifdef __cplusplus

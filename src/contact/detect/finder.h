@@ -2,8 +2,8 @@
 #ifndef PLIANT_CONTACT_FINDER_H
 #define PLIANT_CONTACT_FINDER_H
 
-#include "contact/broad.h"
-#include "contact/find.h"
+#include "contact/detect/broad.h"
+#include "contact/detect/find.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -5,7 +5,7 @@
 #ifndef PLIANT_FEM_QUASISTATIC_CONES_H
 #define PLIANT_FEM_QUASISTATIC_CONES_H
 
-#include "fem/quasistatic/cone_rules.h"
+#include "contact/solve/cone_rules.h"
 
 #ifdef __cplusplus
 extern "C" {

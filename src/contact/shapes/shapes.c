@@ -1,7 +1,7 @@
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 
 #include "base/rotate.h"
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,5 +1,5 @@
 /* What a search for contacts keeps from step to step. */
-#include "contact/finder.h"
+#include "contact/detect/finder.h"
 
 #include "base/fail.h"
 #include "base/room.h"

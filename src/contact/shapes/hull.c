@@ -1,7 +1,7 @@
 /* The convex hull of points: the one that is furthest beyond a triangle is next (Barber, Dobkin and Huhdanpaa, The Quickhull Algorithm for Convex Hulls, ACM Trans.
  * Math. Softw. 22:469, 1996), so that every point that is added is a corner of the hull, and what has too many triangles on the way has too many at the end.
  * What sees a point goes, and what lies in one plane with it beside that; their border is joined to it. */
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

@@ -12,7 +12,7 @@
 #define PLIANT_CONTACT_TISSUE_H
 
 #include "contact/contact.h"
-#include "contact/grid.h"
+#include "contact/detect/grid.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -3,7 +3,7 @@
 #define PLIANT_CONTACT_FIND_H
 
 #include "contact/contact.h"
-#include "contact/shapes.h"
+#include "contact/shapes/shapes.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,8 +1,8 @@
-#include "contact/outside.h"
+#include "contact/detect/outside.h"
 
 #include "base/fail.h"
-#include "contact/follow.h"
-#include "contact/tissue.h"
+#include "contact/detect/follow.h"
+#include "contact/detect/tissue.h"
 #include "pliant/memory.h"
 
 #include <math.h>

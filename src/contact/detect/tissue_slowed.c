@@ -1,9 +1,9 @@
 /* The rule of [C] 5.2: a tetrahedron that overlaps another has a force on its four corners, against their own movement. */
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 
 #include "base/fail.h"
-#include "contact/find.h"
-#include "contact/follow.h"
+#include "contact/detect/find.h"
+#include "contact/detect/follow.h"
 
 #include <string.h>
 

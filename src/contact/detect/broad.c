@@ -1,4 +1,4 @@
-#include "contact/broad.h"
+#include "contact/detect/broad.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

@@ -1,5 +1,5 @@
 /* What of a body can touch: its outer surface, and who is beside whom on it. */
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

@@ -1,7 +1,7 @@
 /* The nearest of many triangles, and whether they go round a point: a tree of boxes, each split in the middle of its longest side's order.
  * Winding numbers as in Jacobson, Kavan, Sorkine-Hornung, Robust Inside-Outside Segmentation using Generalized Winding Numbers, ACM Trans. Graph. 32(4),
  * 2013, eq. 5; what is far counts as one dipole: Barill, Dickson, Schmidt, Levin, Jacobson, Fast Winding Numbers for Soups and Clouds, 37(4), 2018. */
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

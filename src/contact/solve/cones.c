@@ -1,4 +1,4 @@
-#include "fem/quasistatic/cones.h"
+#include "contact/solve/cones.h"
 
 #include "base/dense.h"
 

@@ -1,4 +1,4 @@
-#include "contact/finder.h"
+#include "contact/detect/finder.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

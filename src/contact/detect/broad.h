@@ -2,7 +2,7 @@
 #ifndef PLIANT_CONTACT_BROAD_H
 #define PLIANT_CONTACT_BROAD_H
 
-#include "contact/find.h"
+#include "contact/detect/find.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -4,8 +4,8 @@
  * changes sign, which takes fewer evaluations than golden section. Of a solid that is not convex an edge or a triangle is halved first, as long as
  * a part of it may lie lower than what was found: a distance changes by at most what one goes (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). Of a
  * ball it is the point that is nearest to its middle. */
-#include "contact/shapes.h"
-#include "contact/solid.h"
+#include "contact/shapes/shapes.h"
+#include "contact/shapes/solid.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,9 +1,9 @@
 /* Where tissue touches tissue in a step: outer surfaces. */
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 
 #include "base/fail.h"
-#include "contact/follow.h"
-#include "contact/tissue_rules.h"
+#include "contact/detect/follow.h"
+#include "contact/detect/tissue_rules.h"
 #include "pliant/memory.h"
 
 #include <stdlib.h>

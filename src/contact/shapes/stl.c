@@ -1,5 +1,5 @@
 /* STL files, as in: 3D Systems, StereoLithography Interface Specification, 1989. */
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 
 #include "base/fail.h"
 #include "base/open.h"

@@ -1,5 +1,5 @@
 /* A solid's signed distances on a grid: exact at its points, linear in between. */
-#include "contact/solid.h"
+#include "contact/shapes/solid.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

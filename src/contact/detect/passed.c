@@ -1,7 +1,7 @@
 /* What has passed a part in a step, or slid into it: tissue that goes further in a step than the part is thick may get by between the points that were found
  * as the step began. Each node, edge and triangle goes from where it was to where it is, and the part from pose to pose; where the part is met first says which
  * side the tissue is on. Edges and triangles are asked where they are deepest now, which need not be where their point of this step is. */
-#include "contact/finder.h"
+#include "contact/detect/finder.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,8 +1,8 @@
-#include "contact/grid.h"
+#include "contact/detect/grid.h"
 
 #include "base/fail.h"
 #include "base/lanes.h"
-#include "contact/overlap.h"
+#include "contact/detect/overlap.h"
 #include "pliant/memory.h"
 
 #include <float.h>

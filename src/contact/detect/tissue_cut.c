@@ -1,10 +1,10 @@
 /* The two sides of a cut through voxels. */
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 
 #include "base/fail.h"
 #include "body/links.h"
-#include "contact/find.h"
-#include "contact/follow.h"
+#include "contact/detect/find.h"
+#include "contact/detect/follow.h"
 #include "pliant/memory.h"
 
 #include <math.h>

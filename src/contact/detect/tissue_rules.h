@@ -3,7 +3,7 @@
 #define PLIANT_CONTACT_TISSUE_RULES_H
 
 #include "base/inline.h"
-#include "contact/tissue.h"
+#include "contact/detect/tissue.h"
 
 #include <math.h>
 
