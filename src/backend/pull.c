@@ -1,7 +1,7 @@
 /* Tools and the corotational solver: what a tool pulls at, where to, and with what force. [H] 3.2. */
 #include "backend/backend.h"
 #include "fem/patch/patch.h"
-#include "interact/tool.h"
+#include "tool/tool.h"
 
 #include <string.h>
 

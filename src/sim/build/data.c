@@ -6,7 +6,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
 #include "fem/quasistatic/solver.h"
-#include "interact/tool.h"
+#include "tool/tool.h"
 #include "pliant/memory.h"
 #include "sim/step/contact.h"
 #include "sim/step/cut.h"

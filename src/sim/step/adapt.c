@@ -8,7 +8,7 @@
 #include "fem/falling/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
-#include "interact/tool.h"
+#include "tool/tool.h"
 #include "pliant/memory.h"
 #include "sim/build/discretization.h"
 #include "sim/step/held.h"

@@ -4,7 +4,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/falling/falling.h"
 #include "fem/quasistatic/solver.h"
-#include "interact/tool.h"
+#include "tool/tool.h"
 #include "pliant/memory.h"
 #include "scene/options.h"
 #include "sim/step/contact.h"

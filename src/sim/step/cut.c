@@ -9,8 +9,8 @@
  * on, tissue parts at once and only the mean is felt (go_on). */
 #include "base/fail.h"
 #include "base/rotate.h"
-#include "interact/blade.h"
-#include "interact/tool.h"
+#include "tool/blade.h"
+#include "tool/tool.h"
 #include "sim/step/cut.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 /* What a cut makes of a simulation, cuts at once, and bodies from before them. */
 #include "base/fail.h"
-#include "interact/blade.h"
+#include "tool/blade.h"
 #include "pliant/memory.h"
 #include "sim/step/cut.h"
 #include "sim/step/held.h"

@@ -1,4 +1,4 @@
-#include "interact/shape_text.h"
+#include "tool/shape_text.h"
 
 #include "base/fail.h"
 #include "contact/shapes/shapes.h"

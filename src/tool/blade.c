@@ -1,8 +1,8 @@
-#include "interact/blade.h"
+#include "tool/blade.h"
 
 #include "base/fail.h"
 #include "base/rotate.h"
-#include "interact/tool.h"
+#include "tool/tool.h"
 #include "pliant/memory.h"
 
 #include <math.h>

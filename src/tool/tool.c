@@ -2,8 +2,8 @@
  * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
 #include "base/fail.h"
 #include "contact/shapes/shapes.h"
-#include "interact/blade.h"
-#include "interact/tool.h"
+#include "tool/blade.h"
+#include "tool/tool.h"
 #include "pliant/memory.h"
 #include "pliant/session.h"
 

@@ -3,8 +3,8 @@
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "scene/yaml.h"
-#include "interact/blade.h"
-#include "interact/shape_text.h"
+#include "tool/blade.h"
+#include "tool/shape_text.h"
 #include "pliant/memory.h"
 
 #include <math.h>
