@@ -1,7 +1,7 @@
 // Pictures: what lies where in the patient comes out at its place and in its shade; differences in the right colour.
-#include "tools/picture.h"
-#include "tools/picture_scalar.h"
-#include "tools/picture_section.h"
+#include "programs/picture.h"
+#include "programs/picture_scalar.h"
+#include "programs/picture_section.h"
 
 #include <cmath>
 #include <cstdlib>

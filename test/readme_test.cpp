@@ -1,5 +1,5 @@
 // The README's table of scene options is the one that the program prints.
-#include "tools/options_table.h"
+#include "programs/options_table.h"
 
 #include <cstdio>
 #include <cstdlib>

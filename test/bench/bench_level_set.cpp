@@ -3,7 +3,7 @@
 // The user's part is the same for both: a point in the organ, here the voxel of the label that is farthest from its border. The mixture gives the piece that
 // holds the point. The level set (ThresholdSegmentationLevelSetImageFilter; Lefohn, Cates and Whitaker 2003) starts as a ball there and grows over intensities within
 // two and a half standard deviations of the mean in the ball, with a curvature weight of 1. Panels: scan, label map, mixture, level set.
-#include "tools/picture.h"
+#include "programs/picture.h"
 #include "pliant/pliant.h"
 
 #include <itkFastMarchingImageFilter.h>

@@ -1,5 +1,5 @@
 // Demonstration scenes that cut, along the paths that the README names with them: coarse meshes, large steps, tools moved as pliant_deform moves them.
-#include "tools/deform_tools.h"
+#include "programs/deform_tools.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
 

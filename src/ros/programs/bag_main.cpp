@@ -8,9 +8,9 @@
 #include "ros/sim/session.h"
 #include "ros/output/warped.h"
 
-#include "tools/command_line.h" /* the exit codes */
-#include "tools/console.h"
-#include "tools/python_run.h"
+#include "programs/command_line.h" /* the exit codes */
+#include "programs/console.h"
+#include "programs/python_run.h"
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>

@@ -2,7 +2,7 @@
 #include "ros/node/refused.h"
 #include "ros/params/start.h"
 
-#include "tools/stop.h"
+#include "programs/stop.h"
 
 #include <ros/ros.h>
 

@@ -2,7 +2,7 @@
  * scan is loaded, and plays these bags from so many seconds on; described: they say what the models are. */
 #include "ros/record/replay.h"
 
-#include "tools/stop.h"
+#include "programs/stop.h"
 
 #include <ros/callback_queue.h>
 #include <ros/ros.h>

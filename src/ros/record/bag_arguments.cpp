@@ -1,6 +1,6 @@
 #include "ros/record/bag_arguments.h"
 
-#include "tools/command_line.h" /* the exit codes */
+#include "programs/command_line.h" /* the exit codes */
 #include "pliant/status.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "console.h"
 
-#include "tools/stop.h"
+#include "programs/stop.h"
 
 #include <signal.h> /* sig_atomic_t */
 #include <stdio.h>

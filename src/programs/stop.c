@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
-#include "tools/stop.h"
+#include "programs/stop.h"
 
-#include "tools/command_line.h" /* EXIT_STOPPED */
+#include "programs/command_line.h" /* EXIT_STOPPED */
 
 #include <pthread.h>
 #include <signal.h>

@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "python_run.h"
 
-#include "tools/stop.h"
+#include "programs/stop.h"
 
 #include <signal.h>
 #include <stddef.h>
