@@ -46,7 +46,7 @@ typedef struct pliant_voxels {
     int32_t *beside_start, *beside; /**< (num_tets + 1), the other bridges of every tetrahedron, ascending */
     int32_t *across;           /**< (num_tets x 4) the tetrahedron across each face at load (pliant_mesh_neighbours) */
     int32_t *around_start, *around; /**< (num_nodes + 1), (4 x num_tets) corners of tetrahedra at load, 4 tetrahedron + corner, of every node */
-    struct pliant_voxels_holders *holders; /**< how many there are (src/body) */
+    struct pliant_voxels_holders *holders; /**< how many there are (src/topology) */
 } pliant_voxels;
 
 /** What has been severed since load, and the fragments that it leaves. NULL in a body of which nothing is severed. */
@@ -61,7 +61,7 @@ typedef struct pliant_cuts {
     int32_t *voxel_start;      /**< (num_tets) where those of each begin in voxel_fragment */
     int32_t *voxel_fragment;   /**< (voxels of each, as pliant_voxels lists them) the fine tetrahedron that each moves with: a fragment of
                                 *   its own one, or, of a chip that hangs on nothing else, of another */
-    struct pliant_cuts_pool *pool; /**< what voxel_fragment is of, shared with bodies before and after (src/body); NULL: num_tets is 0 */
+    struct pliant_cuts_pool *pool; /**< what voxel_fragment is of, shared with bodies before and after (src/topology); NULL: num_tets is 0 */
     int32_t num_chips;
     int32_t *chip;             /**< (num_chips x 2) tetrahedron at load, fine tetrahedron of another one that some of its voxels move with */
     int32_t num_joins;
@@ -141,7 +141,7 @@ typedef struct pliant_body {
 
     pliant_body_changes changes;
     const struct pliant_body *lender;    /**< Nullable: whose are the tables of the lattice, which never change; one holder of it */
-    struct pliant_body_holders *holders; /**< how many there are (src/body) */
+    struct pliant_body_holders *holders; /**< how many there are (src/topology) */
 } pliant_body;
 
 /** One more holder. @return body */

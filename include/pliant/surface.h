@@ -23,7 +23,7 @@ typedef struct pliant_surface {
     int32_t num_triangles;
     int32_t *triangle;         /**< (num_triangles x 3) outwards: a node of the fine mesh, or fine.num_nodes + a vertex */
     int32_t first_cut;         /**< triangles from there on are faces that cuts have made */
-    struct pliant_surface_kept *kept; /**< what the next one takes over (src/body) */
+    struct pliant_surface_kept *kept; /**< what the next one takes over (src/topology) */
 } pliant_surface;
 
 /** The surface of a body. Of one that is not cut, or whose tetrahedra cuts subdivide, it is that of the mesh, without vertices of its own.

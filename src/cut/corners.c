@@ -1,6 +1,6 @@
 /* Which corners stay one node: around every node, those of tetrahedra that links, diagonals or bridges still join. The first of what is left
  * keeps the node, the others get copies. Where nothing touches, what was joined at load is joined. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/work.h"
 
 #include "base/fail.h"

@@ -1,5 +1,5 @@
 /* A stroke of a blade, from what it passes through to the next body. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/work.h"
 
 #include "base/fail.h"

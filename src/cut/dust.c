@@ -1,5 +1,5 @@
 /* What a stroke would leave joined to nobody, and is no more than a few voxels, keeps its links to one side. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/work.h"
 
 #include "base/fail.h"

@@ -1,5 +1,5 @@
 /* Who is joined to whom, counted in links, diagonals and bridges; chips are given to those that they hang on most. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/work.h"
 
 #include "base/fail.h"

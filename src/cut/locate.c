@@ -1,5 +1,5 @@
 /* Which fragment is under a point of the deformed body. */
-#include "body/links.h"
+#include "topology/links.h"
 #include "cut/work.h"
 #include "pliant/cut.h"
 #include "pliant/memory.h"

@@ -2,7 +2,7 @@
 #include "cut/work.h"
 
 #include "base/fail.h"
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "pliant/memory.h"
 
 pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces)

@@ -1,6 +1,6 @@
 /* Where tetrahedra part: at faces of which a stroke has crossed all three corners. A node is copied where its tetrahedra then hang together
  * by no other face. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/subdivide.h"
 
 #include "base/fail.h"

@@ -1,5 +1,5 @@
 /* Tetrahedra whose links were severed, and what their voxels fall into. Nothing else is looked at: a cut elsewhere changes nothing. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/work.h"
 
 #include "base/fail.h"

@@ -1,6 +1,6 @@
 /* What links join but no node of the mesh: chips that were handed on may leave a few voxels between two fragments that have no node in common. A
  * mesh cannot hold these together, so their links are severed, too: mesh and voxels hang together alike. */
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "cut/work.h"
 
 #include "base/fail.h"

@@ -2,8 +2,8 @@
 #ifndef PLIANT_CUT_WORK_H
 #define PLIANT_CUT_WORK_H
 
-#include "body/links.h"
-#include "body/parts.h"
+#include "topology/links.h"
+#include "topology/parts.h"
 #include "cut/sparse.h"
 #include "pliant/cut.h"
 

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 

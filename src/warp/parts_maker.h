@@ -2,7 +2,7 @@
 #ifndef PLIANT_WARP_PARTS_MAKER_H
 #define PLIANT_WARP_PARTS_MAKER_H
 
-#include "body/links.h"
+#include "topology/links.h"
 #include "warp/parts.h"
 
 #include <string.h>

@@ -1,7 +1,7 @@
 /* From one body to the next: what stays is not drawn again. */
 #include "base/fail.h"
 #include "base/room.h"
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "pliant/memory.h"
 #include "warp/state.h"
 

@@ -2,7 +2,7 @@
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
-#include "body/links.h"
+#include "topology/links.h"
 #include "contact/detect/find.h"
 #include "contact/detect/follow.h"
 #include "pliant/memory.h"

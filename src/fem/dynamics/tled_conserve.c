@@ -11,7 +11,7 @@
  *  - Kinetic energy: what the cut added is taken from the region's velocities less their rigid motion; if these do not suffice, from its component's. */
 #include "base/dense.h"
 #include "base/fail.h"
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "fem/dynamics/tled_regions.h"
 #include "pliant/memory.h"
 

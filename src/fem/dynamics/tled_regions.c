@@ -2,7 +2,7 @@
 #include "fem/dynamics/tled_regions.h"
 
 #include "base/fail.h"
-#include "body/parts.h"
+#include "topology/parts.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 #include "sim/build/slides.h"
 
 #include "base/fail.h"
-#include "body/links.h"
+#include "topology/links.h"
 #include "pliant/cut.h"
 #include "pliant/memory.h"
 

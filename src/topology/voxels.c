@@ -1,5 +1,5 @@
 /* The voxels of a body, as they are made at load: who owns which, of what material. */
-#include "body/links.h"
+#include "topology/links.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

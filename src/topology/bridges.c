@@ -1,6 +1,6 @@
 /* What joins voxels that no links join, in a mesh that nothing has cut yet: pairs of voxels, built once. */
-#include "body/links.h"
-#include "body/parts.h"
+#include "topology/links.h"
+#include "topology/parts.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

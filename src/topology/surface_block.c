@@ -1,5 +1,5 @@
 /* The triangles of one tetrahedron at load: where its fragments part, and its faces that nothing is behind. */
-#include "body/surface.h"
+#include "topology/surface.h"
 #include "mesh/faces.h"
 #include "pliant/memory.h"
 

@@ -1,6 +1,6 @@
 /* Places of a surface by their nodes and weights. */
 #include "base/fail.h"
-#include "body/surface.h"
+#include "topology/surface.h"
 #include "pliant/memory.h"
 
 #include <string.h>

@@ -1,6 +1,6 @@
 /* Which voxels of a tetrahedron hang together, at load and after cuts. */
-#include "body/links.h"
-#include "body/parts.h"
+#include "topology/links.h"
+#include "topology/parts.h"
 
 bool pliant_voxels_joined(const pliant_voxels *voxels, const pliant_cuts *cuts, int32_t a, int32_t b)
 {

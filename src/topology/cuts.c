@@ -2,7 +2,7 @@
  * from body to body. */
 #include "base/fail.h"
 #include "base/room.h"
-#include "body/links.h"
+#include "topology/links.h"
 #include "pliant/memory.h"
 
 #include <stdatomic.h>

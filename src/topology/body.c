@@ -1,4 +1,4 @@
-#include "body/divide.h"
+#include "topology/divide.h"
 
 #include "base/fail.h"
 #include "base/room.h"

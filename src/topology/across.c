@@ -1,7 +1,7 @@
 /* Who is across each face of the next body: across a face at load, or a fragment of that one. Only where corners changed is it looked for. And what
  * follows from it: the surface. */
-#include "body/divide.h"
-#include "body/parts.h"
+#include "topology/divide.h"
+#include "topology/parts.h"
 
 #include "base/fail.h"
 #include "base/room.h"

@@ -1,5 +1,5 @@
 /* The surface of a body that is cut, from that of another one. */
-#include "body/surface.h"
+#include "topology/surface.h"
 
 #include "base/fail.h"
 #include "mesh/faces.h"

@@ -1,6 +1,6 @@
 /* Which faces of tetrahedra that cuts have subdivided are faces of cuts: those that lie in none that was outside at load. */
-#include "body/parts.h"
-#include "body/surface.h"
+#include "topology/parts.h"
+#include "topology/surface.h"
 
 #include "mesh/faces.h"
 #include "pliant/memory.h"

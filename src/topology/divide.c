@@ -1,7 +1,7 @@
 /* The next body, of what a cut makes of the fine mesh. */
-#include "body/divide.h"
-#include "body/links.h"
-#include "body/parts.h"
+#include "topology/divide.h"
+#include "topology/links.h"
+#include "topology/parts.h"
 
 #include "base/fail.h"
 #include "base/room.h"

@@ -1,6 +1,6 @@
 /* What comes off: pieces of the next body that nothing fixed holds. */
-#include "body/divide.h"
-#include "body/parts.h"
+#include "topology/divide.h"
+#include "topology/parts.h"
 
 #include "base/fail.h"
 #include "base/pairs.h"

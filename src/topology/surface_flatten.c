@@ -1,6 +1,6 @@
 /* Where a cut passes beside a corner of a tetrahedron that has no voxels beyond it, the corner stays whole: a tip that sticks out of the cut, into a
  * pit of the same shape. Both are drawn flat. */
-#include "body/surface.h"
+#include "topology/surface.h"
 #include "pliant/memory.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 /* Whose the places of a refined tetrahedron are, and where on its edges that changes: asked of the voxels. */
 #include "base/matrix.h"
-#include "body/surface.h"
+#include "topology/surface.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* What is appended to a body that is being made: copies. */
-#include "body/divide.h"
+#include "topology/divide.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

@@ -1,5 +1,5 @@
 /* What a body keeps whose tetrahedra cuts subdivide. */
-#include "body/divide.h"
+#include "topology/divide.h"
 
 #include "base/fail.h"
 #include "pliant/memory.h"

@@ -7,7 +7,7 @@
 #ifndef PLIANT_BODY_SURFACE_H
 #define PLIANT_BODY_SURFACE_H
 
-#include "body/links.h"
+#include "topology/links.h"
 #include "pliant/surface.h"
 
 #include <stdatomic.h>
