@@ -98,7 +98,7 @@ TEST(Folders, IncludeEachOtherInNoCircle)
     for (const char *above : {"ros", "rviz", "examples", "programs", "python"}) core.erase(above);
     for (const char *folder :
          {"base", "scene", "scan", "material", "mesh", "topology", "cut", "state", "warp", "render", "tool", "contact", "fem", "fem/element", "fem/linear", "fem/coarse",
-          "fem/quasistatic", "fem/patch", "fem/dynamics", "fem/falling", "backend", "sim", "report", "programs", "rviz", "ros/params", "ros/convert", "ros/sim", "ros/output", "ros/guard", "ros/record", "ros/node"}) {
+          "fem/quasistatic", "fem/patch", "fem/dynamics", "fem/rigid", "backend", "sim", "report", "programs", "rviz", "ros/params", "ros/convert", "ros/sim", "ros/output", "ros/guard", "ros/record", "ros/node"}) {
         EXPECT_TRUE(graph.count(folder)) << folder;
         std::set<std::string> seen;
         EXPECT_EQ(way(graph, folder, folder, seen), "") << folder;

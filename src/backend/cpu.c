@@ -1,7 +1,7 @@
 /* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/patch/patch.h"
 
 #include <stdio.h>

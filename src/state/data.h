@@ -102,7 +102,7 @@ typedef struct pliant_solver pliant_solver; /* iteration history, factors, the b
 
 typedef struct pliant_patch pliant_patch; /* local fine solutions around holds (src/fem) */
 
-typedef struct pliant_falling pliant_falling; /* where pieces are that have come off (src/fem/falling) */
+typedef struct pliant_falling pliant_falling; /* where pieces are that have come off (src/fem/rigid) */
 
 typedef struct pliant_tled pliant_tled; /* displacements, increments, sub-steps of explicit dynamics (src/fem) */
 

@@ -191,7 +191,7 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
 }
 
 // What is cut off lands on a plane and lies there; with gravity aslant it stays below tan = mu (after friction's springs have given way, by 0.02 mm), and above goes faster
-// in every step by g (sin - mu cos) times the step. What touches something is held back by 5 /s times its speed beside that (fem/falling/rigid.c).
+// in every step by g (sin - mu cos) times the step. What touches something is held back by 5 /s times its speed beside that (fem/rigid/rigid.c).
 TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
 {
     const double friction = 0.3, g = 9.81, high = 0.03, box[3] = {0.015, 0.015, high};

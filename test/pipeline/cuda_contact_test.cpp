@@ -1,7 +1,7 @@
 // Contact on the GPU against the CPU's: tools that press and slide, tissue on tissue, blocks that fall. Skipped without a GPU.
 #include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
-#include "fem/falling/pieces.h"
+#include "fem/rigid/pieces.h"
 #include "contact/solve/cone_rules.h"
 #include "sim/step/contact.h"
 

@@ -5,7 +5,7 @@
 #include "../../cuda/tissue.h"
 #include "body.h"
 #include "cuda_warps.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "pliant/memory.h"
 #include "tongue.h"
 

@@ -1,6 +1,6 @@
 // Pieces that a cut takes off what is fixed: they fall, land, hang on tools, and leave the rest of the body alone.
 #include "body.h"
-#include "fem/falling/pieces.h"
+#include "fem/rigid/pieces.h"
 #include "pliant/memory.h"
 #include "state/data.h"
 

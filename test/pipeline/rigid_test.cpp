@@ -1,5 +1,5 @@
 // One rigid body: in flight, and on walls.
-#include "fem/falling/rigid.h"
+#include "fem/rigid/rigid.h"
 
 #include <gtest/gtest.h>
 

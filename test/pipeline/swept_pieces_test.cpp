@@ -1,7 +1,7 @@
 // Nothing passes at 1 m/s through what a cut has taken off, either: it is rigid beside quasi-static solvers, and is pushed along.
 #include "sweeps.h"
 
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "pliant/memory.h"
 
 #include <algorithm>

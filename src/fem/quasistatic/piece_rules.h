@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-/* A piece that has come off (fem/falling) while it touches something: a rigid body through a step, to first order around how far it has been seen to go. */
+/* A piece that has come off (fem/rigid) while it touches something: a rigid body through a step, to first order around how far it has been seen to go. */
 typedef struct pliant_touch_piece {
     double centre[3];      /* of mass, as the step begins [m] */
     double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */

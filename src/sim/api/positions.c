@@ -1,7 +1,7 @@
 /* A state given from outside. */
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 
 #include <math.h>
 #include <string.h>

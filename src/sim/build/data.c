@@ -4,7 +4,7 @@
 #include "base/room.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/quasistatic/solver.h"
 #include "tool/tool.h"
 #include "pliant/memory.h"

@@ -5,7 +5,7 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/dynamics/tled.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "tool/tool.h"

@@ -8,7 +8,7 @@
 #include "contact/detect/outside.h"
 #include "contact/detect/tissue.h"
 #include "fem/dynamics/tled.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/system.h"
 #include "pliant/memory.h"

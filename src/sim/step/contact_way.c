@@ -1,6 +1,6 @@
 /* Where tools are on their way through a step, how far they go in it, and how far tissue does. */
 #include "base/rotate.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "sim/step/contact.h"
 
 #include <math.h>

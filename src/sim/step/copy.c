@@ -2,7 +2,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/quasistatic/solver.h"
 #include "tool/tool.h"
 #include "pliant/memory.h"

@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "fem/dynamics/tled.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/quasistatic/solver.h"
 #include "tool/blade.h"
 #include "tool/tool.h"

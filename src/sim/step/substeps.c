@@ -1,7 +1,7 @@
 #include "sim/step/substeps.h"
 
 #include "backend/backend.h"
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"

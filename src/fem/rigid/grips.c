@@ -1,5 +1,5 @@
 /* A piece as a rigid body, and what tools and joints pull it with. */
-#include "fem/falling/pieces.h"
+#include "fem/rigid/pieces.h"
 
 #include <string.h>
 

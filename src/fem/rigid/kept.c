@@ -1,6 +1,6 @@
 /* What a step begins with, of pieces: a step that is taken anew goes back to it. */
 #include "base/fail.h"
-#include "fem/falling/pieces.h"
+#include "fem/rigid/pieces.h"
 #include "pliant/memory.h"
 
 #include <string.h>

@@ -2,8 +2,8 @@
 #ifndef PLIANT_FEM_FALLING_PIECES_H
 #define PLIANT_FEM_FALLING_PIECES_H
 
-#include "fem/falling/falling.h"
-#include "fem/falling/rigid.h"
+#include "fem/rigid/falling.h"
+#include "fem/rigid/rigid.h"
 
 #ifdef __cplusplus
 extern "C" {

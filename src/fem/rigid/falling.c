@@ -1,7 +1,7 @@
-#include "fem/falling/falling.h"
+#include "fem/rigid/falling.h"
 
 #include "base/fail.h"
-#include "fem/falling/pieces.h"
+#include "fem/rigid/pieces.h"
 #include "fem/dynamics/tled.h"
 #include "fem/element/rotation.h"
 #include "fem/quasistatic/solver.h"

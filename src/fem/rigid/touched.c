@@ -1,5 +1,5 @@
 /* Pieces that touch something: how they would go on, and how they do. */
-#include "fem/falling/pieces.h"
+#include "fem/rigid/pieces.h"
 
 #include "contact/detect/find.h"
 #include "contact/detect/follow.h"

@@ -1,4 +1,4 @@
-#include "fem/falling/rigid.h"
+#include "fem/rigid/rigid.h"
 
 #include "base/matrix.h"
 
