@@ -1,8 +1,8 @@
-/* Pictures where the GPU has drawn the volume: a thread a pixel, the operations of src/render/ray.h, and so the CPU's bits. */
+/* Pictures where the GPU has drawn the volume: a thread a pixel, the operations of src/warp/ray.h, and so the CPU's bits. */
 #ifndef PLIANT_CUDA_RENDER_H
 #define PLIANT_CUDA_RENDER_H
 
-#include "render/ray.h"
+#include "warp/ray.h"
 
 #include <cuda_runtime_api.h>
 

@@ -3,7 +3,7 @@
 #include "base/threads.h"
 #include "material/mixed.h"
 #include "pliant/memory.h"
-#include "render/render.h"
+#include "warp/render.h"
 #include "state/model.h"
 #include "warp/state.h"
 

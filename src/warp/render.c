@@ -1,4 +1,4 @@
-#include "render/render.h"
+#include "warp/render.h"
 
 #include "base/fail.h"
 #include "base/threads.h"

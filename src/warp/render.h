@@ -2,7 +2,7 @@
 #ifndef PLIANT_RENDER_RENDER_H
 #define PLIANT_RENDER_RENDER_H
 
-#include "render/ray.h"
+#include "warp/ray.h"
 
 #ifdef __cplusplus
 extern "C" {
