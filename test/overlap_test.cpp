@@ -1,5 +1,5 @@
 // Two tetrahedra overlap or not, against separating axes in whole numbers.
-#include "../cuda/overlaps_side.h"
+#include "../cuda/contact/overlaps_side.h"
 #include "contact/detect/overlap.h"
 
 #include <gtest/gtest.h>

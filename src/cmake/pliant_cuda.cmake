@@ -2,7 +2,7 @@
 #
 # out: PLIANT_WITH_CUDA (boolean), PLIANT_CUDA_REPORT (a line), pliant_cuda_sources, CMAKE_CUDA_ARCHITECTURES (overridable)
 set(PLIANT_WITH_CUDA FALSE)
-file(GLOB pliant_cuda_sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/cuda/*.cu)
+file(GLOB pliant_cuda_sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/cuda/*/*.cu ${PROJECT_SOURCE_DIR}/cuda/fem/*/*.cu)
 if(PLIANT_CUDA STREQUAL OFF)
   set(PLIANT_CUDA_REPORT "no (PLIANT_CUDA=OFF)")
 elseif(NOT pliant_cuda_sources)

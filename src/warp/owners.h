@@ -122,7 +122,7 @@ OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], 
 
 /* The one place where it is decided on the CPU what is drawn at a voxel: the first candidate that claims it owns it, and where the voxel was at
  * rest is that owner's map of it. Where tetrahedra fell into fragments, a candidate is a fragment: it claims a voxel only if the rest
- * point is of that fragment, and samples that fragment's voxels alone (part.h). On a GPU the least key in cuda/owners.cuh decides the
+ * point is of that fragment, and samples that fragment's voxels alone (part.h). On a GPU the least key in cuda/warp/owners.cuh decides the
  * same, and of a fit fit_in_tissue with fit_gather (fit_point.h). */
 OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
                                  size_t num_candidates, const int32_t origin[3], raster_brick *brick,

@@ -1,4 +1,4 @@
-/* A pixel of a picture: the same operations on the CPU (warp/render.c) and on a GPU (cuda/render.cu), one by one and without fused
+/* A pixel of a picture: the same operations on the CPU (warp/render.c) and on a GPU (cuda/warp/render.cu), one by one and without fused
  * multiply-adds, so that both draw the same bits.
  *
  * A ray is followed from where it enters the volume's box, in voxel indices: index(s) = start + s * step, s along the camera's z [m].

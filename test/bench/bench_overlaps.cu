@@ -2,8 +2,8 @@
 // search for points of tissue on tissue, with what goes to the GPU and comes back, beside one thread of the CPU.
 //
 //   bench_overlaps [RUNS [small]]   small: 13,720 tetrahedra alone, as for compute-sanitizer
-#include "../../cuda/overlaps.h"
-#include "../../cuda/tissue.h"
+#include "../../cuda/contact/overlaps.h"
+#include "../../cuda/contact/tissue.h"
 #include "contact/detect/grid.h"
 #include "figure.h"
 #include "pliant/memory.h"

@@ -2,7 +2,7 @@
 #ifndef PLIANT_TEST_CUDA_CONTACTS_H
 #define PLIANT_TEST_CUDA_CONTACTS_H
 
-#include "../../cuda/tissue.h"
+#include "../../cuda/contact/tissue.h"
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/rigid/falling.h"

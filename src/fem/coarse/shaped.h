@@ -1,5 +1,5 @@
 /* Where a fine node goes with one coarse tetrahedron, by homogenized shape functions N: the same lines for the CPU (upsample.c) and for
- * kernels (cuda/upsample.cu). Corners are 4 x 3, row-major.
+ * kernels (cuda/fem/coarse/upsample.cu). Corners are 4 x 3, row-major.
  *
  * In the frame of the tetrahedron, [H] 4, 5 and 7:  x_f = R (N u_c + X_f - C) + c,  u_c = R'(x_c - c) - (X_c - C), with c and C the means
  * of its corners now and at rest. That takes for granted that rigid motions pass through N unchanged. Where fixed fine nodes have been

@@ -1,4 +1,4 @@
-/* One corotational tetrahedron, for loops of the CPU (elements.c, rotation.h, scalar.c) and for kernels (cuda/forces.cu): the same lines
+/* One corotational tetrahedron, for loops of the CPU (elements.c, rotation.h, scalar.c) and for kernels (cuda/fem/element/forces.cu): the same lines
  * for both. Matrices are 9, row-major; corners, gradients and forces 4 x 3.
  *
  * F = sum over corners of x_v g_v' (any textbook on finite elements, e.g. Bonet and Wood, 9.2), R the rotation nearest to it. With the

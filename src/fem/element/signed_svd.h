@@ -1,4 +1,4 @@
-/* The rotation of any deformation gradient, for the CPU (rotation.c) and for kernels (cuda/rotation.cuh). Indices are known when it is
+/* The rotation of any deformation gradient, for the CPU (rotation.c) and for kernels (cuda/fem/element/rotation.cuh). Indices are known when it is
  * compiled, so that matrices stay in registers. Row-major 3 x 3. */
 #ifndef PLIANT_FEM_ELEMENT_SIGNED_SVD_H
 #define PLIANT_FEM_ELEMENT_SIGNED_SVD_H

@@ -1,5 +1,5 @@
 /* The rules of safeguarded Anderson acceleration (type II: Walker and Ni 2011, Anderson acceleration for fixed-point iterations, 2.1),
- * for the CPU's solver and for the kernels of cuda/anderson.cu: whoever evaluates states tells their merit, and is told what to evaluate
+ * for the CPU's solver and for the kernels of cuda/fem/quasistatic/anderson.cu: whoever evaluates states tells their merit, and is told what to evaluate
  * next. A merit is the energy norm of the step that the preconditioner finds for a state.
  *
  * Every trial that is accepted has a lower merit than the state before. After a refusal: once more with what the refused state taught;

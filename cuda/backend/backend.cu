@@ -1,0 +1,235 @@
+/* The table of the CUDA backend: the host's side of each stage. */
+#include "backend/backend.h"
+#include "cuda/base/check.h"
+#include "base/fail.h"
+#include "base/room.h"
+#include "cuda/base/device.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+#include "cuda/fem/quasistatic/solve.h"
+#include "cuda/contact/tissue.h"
+#include "cuda/warp/warp.h"
+
+#include <cstdio>
+#include <cstring>
+
+struct cuda_data {
+    int device;
+    cudaStream_t stream;
+    pliant_cuda_solver *solver;
+    const double *d_positions;   /* (fine nodes x 3) of this step */
+    double *arriving;            /* (fine nodes x 3) of the host; changes places with data->positions when complete */
+    double *page_locked[2];      /* those two, where they could be; either may be the other by now */
+    double *landing;             /* in their place where there may be cuts: page-locked, with room for more nodes; is copied from */
+    size_t landing_room;         /* bytes */
+    bool brought;                /* this step's positions are the host's already */
+    bool moved;                  /* and are others than the device's of the fine mesh */
+};
+
+static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }
+
+static cuda_data *state_of(const pliant_data *data) { return static_cast<cuda_data *>(data->backend_state); }
+
+static void destroy(pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    if (!state) return;
+    cudaSetDevice(state->device);
+    if (state->stream) cudaStreamSynchronize(state->stream);
+    pliant_cuda_solver_free(state->solver);
+    pliant_cuda_release_host(state->landing);
+    for (double *block : state->page_locked)
+        if (block) pliant_cuda_unlock_pages(block);
+    if (state->stream) cudaStreamDestroy(state->stream);
+    cudaGetLastError();
+    pliant_free(state->arriving);
+    pliant_free(state);
+    data->backend_state = NULL;
+}
+
+static pliant_status make_landing(const pliant_data *data, cuda_data *state)
+{
+    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->landing;
+    if (state->landing && bytes <= state->landing_room) return PLIANT_OK;
+    pliant_cuda_release_host(state->landing);
+    state->landing = nullptr;
+    state->landing_room = bytes + bytes / 4;
+    return pliant_cuda_allocate_host(state->landing_room, "the simulation state", reinterpret_cast<void **>(&state->landing));
+}
+
+static pliant_status lock_positions(const pliant_data *data, cuda_data *state)
+{
+    const size_t count = 3 * (size_t)data->body->fine.num_nodes;
+    state->arriving = static_cast<double *>(pliant_pages(count, sizeof *state->arriving));
+    if (!state->arriving) return pliant_fail_memory("the simulation state");
+    double *const blocks[2] = {state->arriving, data->positions};
+    for (int b = 0; b < 2; b++)
+        if (pliant_cuda_lock_pages(blocks[b], count * sizeof(double))) state->page_locked[b] = blocks[b];
+    return PLIANT_OK;
+}
+
+static pliant_status fill(const pliant_model *model, const pliant_data *data, cuda_data *state)
+{
+    const bool grows = model->scene.cut.kind != PLIANT_CUT_NONE;
+    int least = 0, greatest = 0;
+    CUDA_TRY(pliant_cuda_current_device(&state->device));
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&state->stream, cudaStreamNonBlocking, greatest)));
+    CUDA_TRY(grows ? make_landing(data, state) : lock_positions(data, state));
+    return pliant_cuda_solver_create(data->solver, model->scene.solver.preconditioner, grows, state->device, state->stream, &state->solver);
+}
+
+static pliant_status create(const pliant_model *model, pliant_data *data)
+{
+    cuda_data *state = static_cast<cuda_data *>(pliant_calloc(1, sizeof *state));
+    if (!state) return pliant_fail_memory("the simulation state");
+    data->backend_state = state;
+    pliant_status status = fill(model, data, state);
+    if (status != PLIANT_OK) destroy(data);
+    return status;
+}
+
+/* Back to the body at load, all is as it was at load, to the bit. */
+static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible)
+{
+    cuda_data *state = state_of(data);
+    *possible = state->landing && data->discretization != model->discretization;
+    if (!*possible) return PLIANT_OK;
+    CUDA_TRY(make_landing(data, state));
+    const int32_t *node;
+    int32_t *own;
+    pliant_status status = pliant_solved_sources(data->solver->system, before->solver->system, map, &own, &node);
+    if (status == PLIANT_OK) status = pliant_cuda_solver_follow(state->solver, data->solver, before->solver, node, possible);
+    pliant_free(own);
+    return status;
+}
+
+static pliant_status restart(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) data->solver->handles[t].response_of = 0;
+    return pliant_cuda_solver_restart(state_of(data)->solver, data->solver);
+}
+
+static pliant_status move(const pliant_model *, pliant_data *data)
+{
+    state_of(data)->moved = true;
+    return pliant_cuda_solver_move(state_of(data)->solver, data->solver);
+}
+
+/* of a coarse mesh it was brought when the step ended */
+static void download(const pliant_model *model, pliant_data *data)
+{
+    (void)model;
+    if (data->solver->system->mesh == data->solver->system->fine)
+        memcpy(data->solver->now.x, data->positions, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
+}
+
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    data->solver->background = &data->background;
+    pliant_cuda_section_begin("solve");
+    if (data->contacts.count > 0) download(model, data);
+    pliant_status status = pliant_push(data);
+    if (status == PLIANT_OK) status = pliant_cuda_solver_step(state_of(data)->solver, data->solver, data->gravity, &data->statistics);
+    pliant_cuda_section_end();
+    return status;
+}
+
+static pliant_status enqueue_upsample(const pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    state->brought = state->moved = false;
+    CUDA_TRY(pliant_cuda_solver_upsample(state->solver, &state->d_positions));
+    const size_t bytes = 3 * (size_t)data->body->fine.num_nodes * sizeof *state->arriving;
+    return CUDA_CALL(cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
+}
+
+/* what has arrived becomes the host's */
+static void take(pliant_data *data, const double *h_solved)
+{
+    cuda_data *state = state_of(data);
+    if (state->landing) {
+        memcpy(data->positions, state->landing, 3 * (size_t)data->body->fine.num_nodes * sizeof *data->positions);
+    } else {
+        double *arrived = state->arriving;
+        state->arriving = data->positions;
+        data->positions = arrived;
+    }
+    if (h_solved) memcpy(data->solver->now.x, h_solved, 3 * (size_t)data->solver->system->mesh->num_nodes * sizeof *h_solved);
+    pliant_pull_report(data);
+}
+
+static pliant_status bring(const pliant_model *, pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    const double *h_solved;
+    if (state->brought) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
+    take(data, h_solved);
+    state->brought = true;
+    return PLIANT_OK;
+}
+
+/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are moved by it. */
+static pliant_status hand_over(const pliant_model *model, pliant_data *data)
+{
+    CUDA_TRY(enqueue_upsample(data));
+    return pliant_host_moves(data) ? bring(model, data) : PLIANT_OK;
+}
+
+static pliant_status upsample(const pliant_model *model, pliant_data *data)
+{
+    pliant_cuda_section_begin("upsample");
+    pliant_status status = hand_over(model, data);
+    pliant_cuda_section_end();
+    return status;
+}
+
+/* the warp, and the end of the step: all that was asked for has arrived */
+static pliant_status finish(pliant_data *data)
+{
+    cuda_data *state = state_of(data);
+    pliant_cuda_warp *warp = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
+    const double *h_solved = NULL;
+    if (!state->brought) CUDA_TRY(pliant_cuda_solver_download(state->solver, &h_solved));
+    else if (warp && (state->moved || data->falling || data->statistics.patched > 0)) CUDA_TRY(pliant_cuda_solver_place(state->solver, data->positions));
+    if (warp) CUDA_TRY(pliant_cuda_warp_enqueue(warp, state->d_positions, state->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(state->stream)));
+    if (warp) CUDA_TRY(pliant_cuda_warp_finish(warp, state->d_positions, state->stream));
+    if (!state->brought) take(data, h_solved);
+    return data->warp && !warp ? pliant_warp_update(data->warp, data->positions) : PLIANT_OK;
+}
+
+static pliant_status warp(const pliant_model *model, pliant_data *data)
+{
+    pliant_cuda_section_begin("warp");
+    (void)model;
+    pliant_status status = finish(data);
+    pliant_cuda_section_end();
+    return status;
+}
+
+/* by name: C++14 has no designated initializers */
+static constexpr pliant_backend table()
+{
+    pliant_backend made{};
+    made.name = "cuda";
+    made.kind = &pliant_corotational;
+    made.touches = true;
+    made.probe = pliant_cuda_text;
+    made.searcher = &pliant_cuda_tissue_searcher;
+    made.create = create;
+    made.free = destroy;
+    made.follow = follow;
+    made.restart = restart;
+    made.move = move;
+    made.download = download;
+    made.solve = solve;
+    made.upsample = upsample;
+    made.bring = bring;
+    made.warp = warp;
+    return made;
+}
+const pliant_backend pliant_cuda_backend = table();

@@ -1,0 +1,27 @@
+/* The preconditioner of large systems: one V-cycle (src/fem/linear/multigrid.c), in float, down to a level whose inverse is dense. */
+#ifndef PLIANT_CUDA_MULTIGRID_H
+#define PLIANT_CUDA_MULTIGRID_H
+
+#include "fem/system.h"
+#include "cuda/fem/linear/inverse.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct gpu_multigrid gpu_multigrid;
+
+/* x: (nodes x 3) positions that it is made at. largest: free nodes that the dense level may have. *out is NULL when the lattice cannot be coarsened so far.
+ * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
+pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
+void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
+size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
+/* As pliant_cuda_inverse_apply. */
+pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream);
+/* As pliant_cuda_inverse_columns, of a V-cycle: several at once. Errors: MEMORY, UNAVAILABLE. */
+pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,190 @@
+/* What follows from an evaluation: one block, on a copy of the state in shared memory. */
+#include "cuda/fem/quasistatic/anderson.h"
+#include "cuda/base/check.h"
+#include "fem/quasistatic/secant_equations.h"
+#include "cuda/base/warp_sum.cuh"
+
+enum { DECIDERS = 32 * (SINGLE_SUMS + PLIANT_MAX_HISTORY + GATHER_SUMS) }; /* a warp a sum, but in a step's first evaluation */
+
+enum { TRIAL, ESTIMATE, PAST, KINDS }; /* of weights */
+
+struct decision {
+    gpu_state state;
+    gpu_secants secants;
+    double sums[DOT_SUMS], work[GATHER_SUMS];
+    double new_row[GPU_HISTORY], along[KINDS][GPU_HISTORY];
+    pliant_secant_equations equations[KINDS];
+};
+
+static __device__ double spring_energy(const gpu_state &state, const double *a, const double *b)
+{
+    double sum = 0;
+    for (int row = 0; row < state.rows; row++) {
+        int at = state.row_of[row];
+        sum += state.step.tools[at / 3].compliance * a[at] * b[at];
+    }
+    return sum;
+}
+
+/* sums over blocks, a warp a sum, always in the same order; those that are not asked for are of no meaning */
+static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks, int dot_blocks, decision &now)
+{
+    const int lane = (int)threadIdx.x % 32, num_dots = SINGLE_SUMS + 2 * iteration.room;
+    const double *dots = iteration.d_sums + GATHER_SUMS * gather_blocks;
+    for (int s = (int)threadIdx.x / 32; s < num_dots + GATHER_SUMS; s += DECIDERS / 32) {
+        double sum = 0;
+        if (s >= num_dots) {
+#pragma unroll 16
+            for (int b = lane; b < gather_blocks; b += 32) sum += iteration.d_sums[gather_blocks * (s - num_dots) + b];
+        } else {
+#pragma unroll 16
+            for (int b = lane; b < dot_blocks; b += 32) {
+                double part = dots[(size_t)dot_blocks * s + b];
+                sum = s == 3 ? fmax(sum, part) : sum + part;
+            }
+        }
+        sum = s == 3 ? warp_largest(sum) : warp_sum(sum);
+        if (lane == 0) *(s < num_dots ? now.sums + s : now.work + s - num_dots) = sum;
+    }
+}
+
+/* The products of the secant from the present iterate to what was evaluated: its row to new_row. */
+static __device__ void find_products(decision &now)
+{
+    gpu_state &state = now.state;
+    const int place = state.rules.keep;
+    double *along_trial = now.sums + SINGLE_SUMS;
+    for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
+    const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
+    now.new_row[place] = own - by_now - of_now + state.energy;
+    /* secant . residual, of the iterate that stays or of the one that is taken */
+    state.along[place] = by_now - state.energy;
+    along_trial[place] = own - of_now;
+    state.past_along[place] = now.sums[4] - state.past_of_now;
+}
+
+static __device__ double find_merit(decision &now, int target)
+{
+    gpu_state &state = now.state;
+    state.scale[target] = fmax(sqrt(fmax(fabs(now.work[0]), fabs(now.work[1]))), state.step.smallest_scale);
+    state.residual_force[target] = now.sums[3];
+    double energy = now.sums[0] + spring_energy(state, state.step_force[target], state.step_force[target]);
+    return state.singular ? INFINITY : pliant_anderson_merit(energy, state.scale[target]);
+}
+
+/* accept or refuse; whether to go on, and how: anderson.h, as solver.c follows it */
+static __device__ void judge(decision &now, int room)
+{
+    gpu_state &state = now.state;
+    pliant_anderson &rules = state.rules;
+    const bool first = rules.next == PLIANT_NEXT_FIRST;
+    const int target = gpu_target(&state);
+    const double merit = find_merit(now, target);
+    const int32_t left = pliant_even_remaining(&state.step.limit, rules.evaluations + 1, first ? merit : rules.first_merit);
+    const bool plain = !rules.mixes && state.rows == 0 && !state.step.touches && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_DESCENT);
+    state.evaluated = 1;
+    if (state.ending) state.evaluated = pliant_anderson_judge_end(&rules, merit);
+    else pliant_anderson_judge(&rules, merit, plain ? now.sums[2] : 0.0, left);
+    if (rules.next == PLIANT_NEXT_PREVIOUS) state.went_back = 1;
+    state.took = state.ending ? state.evaluated : rules.take || first;
+    state.iterations = rules.evaluations;
+    state.skips = 0;
+    state.last_target = target;
+    state.old_now = state.now;
+    if (rules.keep >= 0) find_products(now);
+    if (rules.take || first) {
+        state.now = target;
+        state.energy = now.sums[0];
+        state.past_of_now = now.sums[4];
+        for (int a = 0; a < room; a++) state.along[a] = now.sums[SINGLE_SUMS + a];
+    }
+    for (int a = 0; first && state.seen && a < room; a++) state.past_along[a] = now.sums[SINGLE_SUMS + room + a];
+    if (!state.ending) {
+        state.told_scale = state.scale[state.now];
+        state.told_residual_force = state.residual_force[state.now];
+    }
+    for (int m = 0; m < 4; m++) state.largest[m] = 0;
+    state.blocks = 0;
+}
+
+/* the secant's part in the history: what springs do, by a thread a row; then its products, by a thread a secant */
+static __device__ void keep_springs(decision &now, gpu_secants &kept)
+{
+    const gpu_state &state = now.state;
+    const int place = state.rules.keep, thread = (int)threadIdx.x, from = state.old_now, to = 1 - from;
+    if (thread >= GPU_ROWS) return;
+    kept.force[place][thread] = now.secants.force[place][thread] = state.force[to][thread] - state.force[from][thread];
+    kept.step_force[place][thread] = now.secants.step_force[place][thread] = state.step_force[to][thread] - state.step_force[from][thread];
+}
+static __device__ void keep_products(decision &now, gpu_secants &kept)
+{
+    const int place = now.state.rules.keep, h = (int)threadIdx.x;
+    if (h >= GPU_HISTORY) return;
+    const double product = now.new_row[h] + spring_energy(now.state, now.secants.step_force[place], now.secants.step_force[h]);
+    const int one = place * GPU_HISTORY + h, other = h * GPU_HISTORY + place;
+    kept.gram[one] = kept.gram[other] = now.secants.gram[one] = now.secants.gram[other] = product;
+}
+
+/* Weights of one kind, by one warp (GPU_HISTORY is less than 32); false: none */
+static __device__ bool find_weights(decision &now, int kind)
+{
+    const gpu_state &state = now.state;
+    const int h = (int)threadIdx.x % 32;
+    const bool asked = kind == TRIAL ? state.rules.mixes : kind == ESTIMATE || state.seen; /* the same for all lanes */
+    if (h < GPU_HISTORY) {
+        const double *along = kind == PAST ? state.past_along : state.along, *force = kind == PAST ? state.past_step_force : state.step_force[state.now];
+        now.along[kind][h] = along[h] + spring_energy(state, now.secants.step_force[h], force);
+        now.state.weights[kind][h] = 0;
+    }
+    __syncwarp();
+    return asked && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL, now.equations + kind, now.state.weights[kind]);
+}
+
+/* a tool's force in the iterate to come; that of a state before is still there */
+static __device__ void plan_force(gpu_state &state, const gpu_secants &secants, int row)
+{
+    if (state.rules.next == PLIANT_NEXT_PREVIOUS || state.ending) return;
+    double step = state.step_force[state.now][row];
+    for (int a = 0; a < GPU_HISTORY; a++)
+        if (state.weights[TRIAL][a] != 0) step -= state.weights[TRIAL][a] * (secants.force[a][row] + secants.step_force[a][row]);
+    state.force[1 - state.now][row] = state.rules.next == PLIANT_NEXT_REST ? 0 : state.force[state.now][row] + state.rules.damping * step;
+}
+
+template <class T> static __device__ void copy(const T &from, T &to)
+{
+    static_assert(sizeof(T) % sizeof(double) == 0, "copied as doubles");
+    for (int n = (int)threadIdx.x; n < (int)(sizeof(T) / sizeof(double)); n += DECIDERS)
+        reinterpret_cast<double *>(&to)[n] = reinterpret_cast<const double *>(&from)[n];
+}
+
+static __global__ void __launch_bounds__(DECIDERS) decide_kernel(gpu_iteration iteration, int gather_blocks, int dot_blocks)
+{
+    __shared__ decision now;
+    const int thread = (int)threadIdx.x;
+    gpu_secants &kept = iteration.d_history->secants;
+    copy(*iteration.d_state, now.state);
+    copy(kept, now.secants);
+    add_up(iteration, gather_blocks, dot_blocks, now);
+    __syncthreads();
+    if (now.state.done) return;
+    if (thread == 0) judge(now, iteration.room);
+    __syncthreads();
+    if (now.state.rules.keep >= 0) keep_springs(now, kept);
+    __syncthreads();
+    if (now.state.rules.keep >= 0) keep_products(now, kept);
+    __syncthreads();
+    if (thread < 32 * KINDS) {
+        bool mixed = find_weights(now, thread / 32);
+        if (thread == 0) now.state.mixed = mixed;
+    }
+    __syncthreads();
+    if (thread < GPU_ROWS) plan_force(now.state, now.secants, thread);
+    __syncthreads();
+    copy(now.state, *iteration.d_state);
+}
+
+extern "C" pliant_status pliant_cuda_decide(const gpu_iteration *iteration, int gather_blocks, cudaStream_t stream)
+{
+    decide_kernel<<<1, DECIDERS, 0, stream>>>(*iteration, gather_blocks, pliant_cuda_dot_blocks(iteration));
+    return CUDA_LAUNCHED("decide_kernel");
+}

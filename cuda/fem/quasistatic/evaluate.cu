@@ -1,0 +1,114 @@
+/* Evaluations: their kernels, and those of one as a graph, all for the price of one launch. */
+#include "cuda/fem/quasistatic/anderson.h"
+#include "cuda/base/check.h"
+#include "cuda/fem/element/forces.h"
+#include "cuda/fem/quasistatic/solver.h"
+#include "cuda/fem/quasistatic/touch_kernels.h"
+
+static pliant_status enqueue_look(pliant_cuda_solver *gpu)
+{
+    const gpu_iteration *it = &gpu->iteration;
+    CUDA_TRY(pliant_cuda_forces(&gpu->system, it, gpu->stream));
+    CUDA_TRY(pliant_cuda_gather(&gpu->system, it, gpu->stream));
+    return pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream);
+}
+
+static pliant_status enqueue_judge(const pliant_cuda_solver *gpu, bool known)
+{
+    const gpu_iteration *it = &gpu->iteration;
+    CUDA_TRY(pliant_cuda_complete(it, known, gpu->gather_blocks, gpu->stream));
+    CUDA_TRY(pliant_cuda_decide(it, gpu->gather_blocks, gpu->stream));
+    return pliant_cuda_propose(it, gpu->stream);
+}
+
+static pliant_status enqueue(pliant_cuda_solver *gpu, bool known)
+{
+    if (!known) CUDA_TRY(enqueue_look(gpu));
+    return enqueue_judge(gpu, known);
+}
+
+extern "C" pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu) { return enqueue_judge(gpu, false); }
+
+static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
+{
+    const gpu_touch_view *d_view = static_cast<const gpu_touch_view *>(gpu->touches.d_block[TOUCH_VIEW]);
+    CUDA_TRY(pliant_cuda_touch_load(d_view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(enqueue_look(gpu));
+    CUDA_TRY(pliant_cuda_touch_cones(d_view, &gpu->iteration, gpu->touches.shared_room, gpu->stream));
+    CUDA_TRY(pliant_cuda_touch_push(d_view, &gpu->iteration, gpu->stream));
+    return enqueue_judge(gpu, false);
+}
+
+/* A part of an evaluation as a graph, made when it is first asked for. */
+static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_part)(pliant_cuda_solver *), cudaGraphExec_t *part)
+{
+    cudaGraph_t graph = nullptr;
+    if (*part) return CUDA_CALL(cudaGraphLaunch(*part, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue_part(gpu);
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* as below */
+    if (status == PLIANT_OK) status = CUDA_CALL(ended);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(part, graph, 0));
+    if (graph) cudaGraphDestroy(graph);
+    return status == PLIANT_OK ? CUDA_CALL(cudaGraphLaunch(*part, gpu->stream)) : status;
+}
+
+extern "C" pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu)
+{
+    return gpu->preconditioner.multigrid ? launch(gpu, enqueue_look, &gpu->look) : enqueue_look(gpu);
+}
+
+extern "C" pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu) { return launch(gpu, enqueue_touching, &gpu->touching); }
+
+extern "C" pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known)
+{
+    if (known || !gpu->preconditioner.multigrid) return enqueue(gpu, known);
+    return CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream));
+}
+
+/* Whether two graphs with as many kernels have the same ones. */
+static int kind_of(const gpu_preconditioner *preconditioner)
+{
+    const gpu_carried *carried = &preconditioner->carried;
+    return (preconditioner->multigrid ? 4 : 0) + (carried->base_free == 0 ? 0 : carried->inner == 0 ? 1 : 2);
+}
+
+/* the same kernels with other numbers: much less than making it anew. false: it is to be made anew all the same */
+static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
+{
+#if CUDART_VERSION >= 12000
+    cudaGraphExecUpdateResultInfo result;
+    const bool updated = cudaGraphExecUpdate(evaluation, graph, &result) == cudaSuccess;
+#else
+    cudaGraphNode_t node;
+    cudaGraphExecUpdateResult result;
+    const bool updated = cudaGraphExecUpdate(evaluation, graph, &node, &result) == cudaSuccess;
+#endif
+    if (!updated) cudaGetLastError();
+    return updated;
+}
+
+extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
+{
+    cudaGraph_t graph = nullptr;
+    if (gpu->look) cudaGraphExecDestroy(gpu->look);
+    if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
+    gpu->look = gpu->touching = nullptr;
+    CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
+    pliant_status status = enqueue(gpu, false);
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */
+    if (status == PLIANT_OK) status = CUDA_CALL(ended);
+    size_t kernels = 0;
+    const int kind = kind_of(&gpu->preconditioner);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphGetNodes(graph, nullptr, &kernels));
+    const bool same = gpu->evaluation && kernels == gpu->kernels && kind == gpu->kind;
+    gpu->kernels = kernels;
+    gpu->kind = kind;
+    if (status == PLIANT_OK && !(same && update(gpu->evaluation, graph))) {
+        if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
+        gpu->evaluation = nullptr;
+        status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->evaluation, graph, 0));
+    }
+    if (graph) cudaGraphDestroy(graph);
+    return status;
+}

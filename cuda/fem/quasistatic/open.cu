@@ -1,0 +1,533 @@
+/* The first step after a cut on the GPU, as src/fem/quasistatic/opened.c finds it on the CPU: vectors stay here, what is decided of a few numbers the
+ * host decides. Only of a fresh state: it is in the first buffer, nothing else is known of it, and no step is under way. Where points of contact
+ * are near, there is none. */
+#include "cuda/fem/quasistatic/axes.cuh"
+#include "cuda/base/check.h"
+#include "base/dense.h"
+#include "fem/quasistatic/opened_rules.h"
+#include "cuda/fem/element/forces.h"
+#include "cuda/fem/quasistatic/solver.h"
+#include "cuda/base/warp_sum.cuh"
+
+#include <cmath>
+#include <cstring>
+
+enum { THREADS = 128, WARPS = THREADS / 32, OPEN_SUMS = 2 };
+
+/* The vectors (3 num_free), in the nodes' own axes, in arrays that a fresh state has no use for. */
+struct open_vectors { double *d_elastic, *d_left, *d_along, *d_way, *d_pulled, *d_step; };
+
+static open_vectors vectors_of(const gpu_iteration *it)
+{
+    return {it->d_past_residual, it->d_residual[1], it->d_step[1], it->d_past_step, it->d_free_residual, it->d_step[0]};
+}
+
+/* ---- kernels, one thread a node */
+
+static __device__ __forceinline__ void elastic_at(const gpu_system &system, const double *d_element_force, int n, double *out)
+{
+    for (int d = 0; d < 3; d++) out[d] = 0;
+    for (int c = system.d_corner_start[n]; c < system.d_corner_end[n]; c++)
+        for (int d = 0; d < 3; d++) out[d] += d_element_force[4 * (size_t)system.d_corner[c] + d];
+}
+
+/* a sum, and the largest of something, of each block */
+static __device__ void keep_sums(double own, double largest, double *d_sums)
+{
+    __shared__ double sums[OPEN_SUMS][WARPS];
+    own = warp_sum(own);
+    largest = warp_largest(largest);
+    if (threadIdx.x % 32 == 0) {
+        sums[0][threadIdx.x / 32] = own;
+        sums[1][threadIdx.x / 32] = largest;
+    }
+    __syncthreads();
+    if (threadIdx.x > 0) return;
+    for (int w = 1; w < WARPS; w++) {
+        sums[0][0] += sums[0][w];
+        sums[1][0] = fmax(sums[1][0], sums[1][w]);
+    }
+    for (int s = 0; s < OPEN_SUMS; s++) d_sums[OPEN_SUMS * (size_t)blockIdx.x + s] = sums[s][0];
+}
+
+/* elastic forces; left = T' (load - elastic) */
+static __global__ void __launch_bounds__(THREADS) open_residual_kernel(gpu_system system, gpu_iteration it, open_vectors at)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (n >= it.num_free) return;
+    double elastic[3], left[3];
+    elastic_at(system, it.d_element_force, n, elastic);
+    for (int d = 0; d < 3; d++) {
+        at.d_elastic[3 * (size_t)n + d] = elastic[d];
+        left[d] = it.d_load[3 * (size_t)n + d] - elastic[d];
+    }
+    turn_into(it, (size_t)n, left);
+    for (int d = 0; d < 3; d++) at.d_left[3 * (size_t)n + d] = left[d];
+}
+
+/* pulled = T' (elastic there - elastic) / share; along . pulled */
+static __global__ void __launch_bounds__(THREADS) open_product_kernel(gpu_system system, gpu_iteration it, open_vectors at, double share, double *d_sums)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    double own = 0;
+    if (n < it.num_free) {
+        double pulled[3];
+        elastic_at(system, it.d_element_force, n, pulled);
+        for (int d = 0; d < 3; d++) pulled[d] = (pulled[d] - at.d_elastic[3 * (size_t)n + d]) / share;
+        turn_into(it, (size_t)n, pulled);
+        for (int d = 0; d < 3; d++) {
+            at.d_pulled[3 * (size_t)n + d] = pulled[d];
+            own += at.d_along[3 * (size_t)n + d] * pulled[d];
+        }
+    }
+    keep_sums(own, 0, d_sums);
+}
+
+/* way . T' (load - elastic there) */
+static __global__ void __launch_bounds__(THREADS) open_slope_kernel(gpu_system system, gpu_iteration it, open_vectors at, double *d_sums)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    double own = 0;
+    if (n < it.num_free) {
+        double left[3];
+        elastic_at(system, it.d_element_force, n, left);
+        for (int d = 0; d < 3; d++) left[d] = it.d_load[3 * (size_t)n + d] - left[d];
+        turn_into(it, (size_t)n, left);
+        for (int d = 0; d < 3; d++) own += at.d_way[3 * (size_t)n + d] * left[d];
+    }
+    keep_sums(own, 0, d_sums);
+}
+
+/* to = from + share T v */
+static __global__ void __launch_bounds__(THREADS) open_place_kernel(gpu_iteration it, const double *d_v, double share, const double *d_from, double *d_to)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (n >= it.num_free) return;
+    double step[3] = {d_v[3 * (size_t)n], d_v[3 * (size_t)n + 1], d_v[3 * (size_t)n + 2]};
+    const size_t x = 3 * (size_t)it.d_node_of_free[n];
+    turn_out(it, (size_t)n, step);
+    for (int d = 0; d < 3; d++) d_to[x + d] = d_from[x + d] + share * step[d];
+}
+
+/* way += share along, left -= share pulled; what the preconditioner takes */
+static __global__ void __launch_bounds__(THREADS) open_advance_kernel(gpu_iteration it, open_vectors at, double share)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (n >= it.num_free) return;
+    for (size_t i = 3 * (size_t)n; i < 3 * (size_t)n + 3; i++) {
+        if (share != 0) {
+            at.d_way[i] += share * at.d_along[i];
+            at.d_left[i] -= share * at.d_pulled[i];
+        }
+        it.d_right[i] = (float)at.d_left[i];
+    }
+}
+
+struct open_pulls { int count; const double *d_response[GPU_TOOLS]; double force[GPU_ROWS]; };
+
+/* step = what the preconditioner gave + T' Z dl; left . step, and the longest of its nodes, squared */
+static __global__ void __launch_bounds__(THREADS) open_step_kernel(gpu_iteration it, open_vectors at, open_pulls pulls, double *d_sums)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    const size_t all = 3 * (size_t)it.num_free, i = 3 * (size_t)n;
+    double own = 0, square = 0;
+    if (n < it.num_free) {
+        double moved[3] = {0, 0, 0};
+        for (int r = 0; r < 3 * pulls.count; r++)
+            for (int d = 0; d < 3; d++) moved[d] += pulls.force[r] * pulls.d_response[r / 3][all * (size_t)(r % 3) + i + d];
+        turn_into(it, (size_t)n, moved);
+        for (int d = 0; d < 3; d++) {
+            const double step = it.d_left[i + d] + moved[d];
+            at.d_step[i + d] = step;
+            own += at.d_left[i + d] * step;
+            square += step * step;
+        }
+    }
+    keep_sums(own, square, d_sums);
+}
+
+/* along = step + turned along */
+static __global__ void __launch_bounds__(THREADS) open_combine_kernel(gpu_iteration it, open_vectors at, double turned)
+{
+    const size_t i = (size_t)blockIdx.x * THREADS + threadIdx.x;
+    if (i < 3 * (size_t)it.num_free) at.d_along[i] = turned != 0 ? at.d_step[i] + turned * at.d_along[i] : at.d_step[i];
+}
+
+static __global__ void __launch_bounds__(THREADS) open_longest_kernel(gpu_iteration it, const double *d_v, double *d_sums)
+{
+    const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
+    const double *v = d_v + 3 * (size_t)n;
+    keep_sums(0, n < it.num_free ? v[0] * v[0] + v[1] * v[1] + v[2] * v[2] : 0, d_sums);
+}
+
+/* ---- kernels of a tool, one thread a node that it holds */
+
+/* v += share T' W' force */
+static __global__ void __launch_bounds__(THREADS) open_pull_kernel(gpu_iteration it, gpu_tool tool, double x, double y, double z, double *d_v)
+{
+    const int h = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (h >= tool.count) return;
+    const size_t node = (size_t)tool.d_unknown[h];
+    const double *block = tool.d_block + 9 * (size_t)h;
+    double pull[3];
+    for (int c = 0; c < 3; c++) pull[c] = block[c] * x + block[3 + c] * y + block[6 + c] * z;
+    turn_into(it, node, pull);
+    for (int c = 0; c < 3; c++) d_v[3 * node + c] += pull[c];
+}
+
+/* W v, v in the nodes' axes where it turns; one block */
+template <class T> static __global__ void __launch_bounds__(THREADS) open_moved_kernel(gpu_iteration it, gpu_tool tool, const T *d_v, bool turns, double *d_out)
+{
+    __shared__ double sums[WARPS][3];
+    double moved[3] = {0, 0, 0};
+    for (int h = (int)threadIdx.x; h < tool.count; h += THREADS) {
+        const size_t node = (size_t)tool.d_unknown[h];
+        const double *block = tool.d_block + 9 * (size_t)h;
+        double v[3] = {d_v[3 * node], d_v[3 * node + 1], d_v[3 * node + 2]};
+        if (turns) turn_out(it, node, v);
+        for (int r = 0; r < 3; r++) moved[r] += block[3 * r] * v[0] + block[3 * r + 1] * v[1] + block[3 * r + 2] * v[2];
+    }
+    for (int r = 0; r < 3; r++) {
+        moved[r] = warp_sum(moved[r]);
+        if (threadIdx.x % 32 == 0) sums[threadIdx.x / 32][r] = moved[r];
+    }
+    __syncthreads();
+    if (threadIdx.x > 2) return;
+    double sum = 0;
+    for (int w = 0; w < WARPS; w++) sum += sums[w][threadIdx.x];
+    d_out[threadIdx.x] = sum;
+}
+
+/* ---- on the host */
+
+struct opening {
+    pliant_cuda_solver *gpu;
+    pliant_solver *solver;
+    const gpu_step *step;
+    open_vectors at;
+    unsigned blocks;
+    int num_springs, spring[GPU_TOOLS];
+    double factor[GPU_ROWS * GPU_ROWS];                                     /* Cholesky's of S */
+    double pulls[GPU_ROWS], pulls_along[GPU_ROWS], pulls_next[GPU_ROWS];    /* forces of springs: as far as it is found, of the direction, of the next */
+    double norm, longest, energy;                                           /* longest: of along, at most; energy: residual . way [J] */
+};
+
+static size_t open_bytes(const gpu_iteration *it)
+{
+    return (OPEN_SUMS * (size_t)((it->num_free + THREADS - 1) / THREADS) + GPU_ROWS * GPU_ROWS) * sizeof(double);
+}
+
+extern "C" pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu)
+{
+    const size_t bytes = open_bytes(&gpu->iteration);
+    if (gpu->open_room >= bytes) return PLIANT_OK;
+    pliant_cuda_release_host(gpu->h_open);
+    gpu->h_open = nullptr;
+    gpu->open_room = bytes + bytes / 4;
+    return pliant_cuda_allocate_host(gpu->open_room, "the step after a cut", reinterpret_cast<void **>(&gpu->h_open));
+}
+
+static pliant_status fetch(const opening *work, size_t count)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_open, gpu->iteration.d_sums, count * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+/* what keep_sums has left of all blocks, in order; largest: Nullable: of squares */
+static pliant_status add_up(const opening *work, double *sum, double *largest)
+{
+    double square = 0;
+    CUDA_TRY(fetch(work, OPEN_SUMS * (size_t)work->blocks));
+    *sum = 0;
+    for (unsigned b = 0; b < work->blocks; b++) {
+        *sum += work->gpu->h_open[OPEN_SUMS * b];
+        square = fmax(square, work->gpu->h_open[OPEN_SUMS * b + 1]);
+    }
+    if (largest) *largest = sqrt(square);
+    return PLIANT_OK;
+}
+
+static unsigned blocks_of_tool(const gpu_tool *tool) { return (unsigned)((tool->count + THREADS - 1) / THREADS); }
+
+/* v += share T' W' forces of the springs */
+static pliant_status pull(const opening *work, const double *forces, double share, double *d_v)
+{
+    for (int s = 0; s < work->num_springs; s++) {
+        const gpu_tool *tool = work->step->tools + work->spring[s];
+        const double *f = forces + 3 * work->spring[s];
+        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, *tool, share * f[0], share * f[1], share * f[2], d_v);
+        CUDA_TRY(CUDA_LAUNCHED("open_pull_kernel"));
+    }
+    return PLIANT_OK;
+}
+
+/* forces of tools at the state: v += T' W' f */
+static pliant_status load_tools(const opening *work, double *d_v)
+{
+    for (int t = 0; t < GPU_TOOLS; t++) {
+        const gpu_tool *tool = work->step->tools + t;
+        const double *f = work->solver->handles[t].force;
+        if (!tool->active) continue;
+        open_pull_kernel<<<blocks_of_tool(tool), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, *tool, f[0], f[1], f[2], d_v);
+        CUDA_TRY(CUDA_LAUNCHED("open_pull_kernel"));
+    }
+    return PLIANT_OK;
+}
+
+/* S = c I + W Z of the springs. *regular: it is positive definite */
+static pliant_status find_springs(opening *work, bool *regular)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    const size_t n = 3 * (size_t)gpu->iteration.num_free;
+    for (int t = 0; t < GPU_TOOLS; t++)
+        if (work->step->tools[t].active && work->step->tools[t].spring) work->spring[work->num_springs++] = t;
+    const int springs = work->num_springs, rows = 3 * springs;
+    *regular = true;
+    if (rows == 0) return PLIANT_OK;
+    for (int a = 0; a < springs; a++)
+        for (int c = 0; c < rows; c++) {
+            const double *d_column = work->step->tools[work->spring[c / 3]].d_response + n * (size_t)(c % 3);
+            open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[work->spring[a]], d_column, false, gpu->iteration.d_sums + 3 * (a * rows + c));
+            CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
+        }
+    CUDA_TRY(fetch(work, (size_t)rows * (size_t)rows));
+    for (int r = 0; r < rows; r++)
+        for (int c = 0; c < rows; c++)
+            work->factor[r * rows + c] = gpu->h_open[3 * (r / 3 * rows + c) + r % 3] + (r == c ? work->step->tools[work->spring[r / 3]].compliance : 0);
+    *regular = pliant_dense_cholesky(rows, work->factor);
+    return PLIANT_OK;
+}
+
+/* forces = S^-1 (e - W v); stretch: Nullable: e is nothing */
+template <class T> static pliant_status keep(const opening *work, const T *d_v, const double *stretch, double *forces)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    double right[GPU_ROWS];
+    memset(forces, 0, GPU_ROWS * sizeof *forces);
+    if (work->num_springs == 0) return PLIANT_OK;
+    for (int s = 0; s < work->num_springs; s++) {
+        open_moved_kernel<T><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[work->spring[s]], d_v, true, gpu->iteration.d_sums + 3 * s);
+        CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
+    }
+    CUDA_TRY(fetch(work, 3 * (size_t)work->num_springs));
+    for (int r = 0; r < 3 * work->num_springs; r++) right[r] = (stretch ? stretch[r] : 0) - gpu->h_open[r];
+    pliant_dense_cholesky_solve(3 * work->num_springs, work->factor, 1, right);
+    for (int r = 0; r < 3 * work->num_springs; r++) forces[3 * work->spring[r / 3] + r % 3] = right[r];
+    return PLIANT_OK;
+}
+
+static pliant_status advance(const opening *work, double share)
+{
+    open_advance_kernel<<<work->blocks, THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, work->at, share);
+    return CUDA_LAUNCHED("open_advance_kernel");
+}
+
+/* From what is left: the step that the preconditioner and the springs make of it, and their product. */
+static pliant_status precondition(const opening *work, const double *stretch, double *forces, double *norm, double *longest)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    const gpu_iteration *it = &gpu->iteration;
+    open_pulls pulls = {};
+    CUDA_TRY(pliant_cuda_precondition(&gpu->preconditioner, it, gpu->stream));
+    CUDA_TRY(keep(work, it->d_left, stretch, forces));
+    pulls.count = work->num_springs;
+    for (int s = 0; s < work->num_springs; s++) {
+        pulls.d_response[s] = work->step->tools[work->spring[s]].d_response;
+        memcpy(pulls.force + 3 * s, forces + 3 * work->spring[s], 3 * sizeof *forces);
+    }
+    open_step_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(*it, work->at, pulls, it->d_sums);
+    CUDA_TRY(CUDA_LAUNCHED("open_step_kernel"));
+    return add_up(work, norm, longest);
+}
+
+static pliant_status combine(opening *work, double turned)
+{
+    const size_t n = 3 * (size_t)work->gpu->iteration.num_free;
+    open_combine_kernel<<<(unsigned)((n + THREADS - 1) / THREADS), THREADS, 0, work->gpu->stream>>>(work->gpu->iteration, work->at, turned);
+    for (int r = 0; r < GPU_ROWS; r++) work->pulls_along[r] = work->pulls_next[r] + turned * work->pulls_along[r];
+    return CUDA_LAUNCHED("open_combine_kernel");
+}
+
+/* x + share v to another buffer or the same; and element forces there */
+static pliant_status place(const opening *work, const double *d_v, double share, double *d_to)
+{
+    const gpu_iteration *it = &work->gpu->iteration;
+    open_place_kernel<<<work->blocks, THREADS, 0, work->gpu->stream>>>(*it, d_v, share, it->d_x[0], d_to);
+    return CUDA_LAUNCHED("open_place_kernel");
+}
+static pliant_status find_forces(const opening *work, double *d_x)
+{
+    gpu_iteration it = work->gpu->iteration;
+    it.d_x[0] = d_x;
+    return pliant_cuda_forces(&work->gpu->system, &it, work->gpu->stream);
+}
+
+/* pulled = K along, and along . pulled; by a difference of this part of along */
+static pliant_status multiply(const opening *work, double share, double *curvature)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    CUDA_TRY(place(work, work->at.d_along, share, gpu->iteration.d_x[1]));
+    CUDA_TRY(find_forces(work, gpu->iteration.d_x[1]));
+    open_product_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, share, gpu->iteration.d_sums);
+    CUDA_TRY(CUDA_LAUNCHED("open_product_kernel"));
+    return add_up(work, curvature, nullptr);
+}
+
+/* The state's residual, and from it the first direction. led: what holds has moved since the last step, and the direction is to be gone as it is */
+static pliant_status begin(opening *work, bool *led)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    const gpu_iteration *it = &gpu->iteration;
+    double stretch[GPU_ROWS] = {}, most = 0;
+    CUDA_TRY(find_forces(work, it->d_x[0]));
+    open_residual_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, *it, work->at);
+    CUDA_TRY(CUDA_LAUNCHED("open_residual_kernel"));
+    CUDA_TRY(load_tools(work, work->at.d_left));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(work->at.d_way, 0, 3 * (size_t)it->num_free * sizeof(double), gpu->stream)));
+    for (int s = 0; s < work->num_springs; s++) {
+        const int t = work->spring[s];
+        memcpy(work->solver->now.force + 3 * t, work->solver->handles[t].force, 3 * sizeof *stretch);
+        pliant_handle_stretch(work->solver, t, &work->solver->now, stretch + 3 * s);
+        for (int d = 0; d < 3; d++) most = fmax(most, fabs(stretch[3 * s + d]));
+    }
+    CUDA_TRY(advance(work, 0));
+    CUDA_TRY(precondition(work, stretch, work->pulls_next, &work->norm, &work->longest));
+    *led = most > PLIANT_OPENED_HARDLY * work->longest;
+    return combine(work, 0);
+}
+
+/* By conjugate gradients, as find_step of opened.c. *products: at most so many on entry */
+static pliant_status find_step(opening *work, bool led, int32_t *products)
+{
+    const int32_t most = *products;
+    const double first = work->norm;
+    for (*products = 0; *products < most && pliant_opened_goes_on(work->norm, first);) {
+        const double difference = pliant_opened_difference(work->solver->rules.smallest_displacement, work->longest);
+        double curvature, longest;
+        if (!(difference > 0)) break;
+        CUDA_TRY(multiply(work, difference, &curvature));
+        curvature += pliant_solver_spring_energy(work->solver, work->pulls_along, work->pulls_along);
+        const double share = pliant_opened_advance(led, work->norm, curvature);
+        ++*products;
+        if (!(share > 0)) break;
+        CUDA_TRY(pull(work, work->pulls_along, -1, work->at.d_pulled));
+        for (int r = 0; r < GPU_ROWS; r++) work->pulls[r] += share * work->pulls_along[r];
+        work->energy += share * work->norm;
+        CUDA_TRY(advance(work, share));
+        if (*products == most) break;
+        const double before = work->norm;
+        CUDA_TRY(precondition(work, nullptr, work->pulls_next, &work->norm, &longest));
+        const double turned = pliant_opened_turned(led, work->norm, before);
+        led = false;
+        work->longest = longest + turned * work->longest;
+        CUDA_TRY(combine(work, turned));
+    }
+    return PLIANT_OK;
+}
+
+/* ---- the way, in axes that turn with the tissue */
+
+static pliant_status go(const opening *work, double share)
+{
+    pliant_cuda_solver *gpu = work->gpu;
+    CUDA_TRY(place(work, work->at.d_way, share, gpu->iteration.d_x[0]));
+    for (int t = 0; t < GPU_TOOLS; t++)
+        for (int d = 0; d < 3; d++) work->solver->handles[t].force[d] += share * work->pulls[3 * t + d];
+    return gpu->in_use.rough ? PLIANT_OK : pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
+}
+
+/* How fast the potential energy falls along the way where it has led to. */
+static pliant_status find_slope(const opening *work, double *slope)
+{
+    const pliant_cuda_solver *gpu = work->gpu;
+    double of_tools = 0;
+    for (int t = 0; t < GPU_TOOLS; t++) {
+        if (!work->step->tools[t].active) continue;
+        open_moved_kernel<double><<<1, THREADS, 0, gpu->stream>>>(gpu->iteration, work->step->tools[t], work->at.d_way, true, gpu->iteration.d_sums);
+        CUDA_TRY(CUDA_LAUNCHED("open_moved_kernel"));
+        CUDA_TRY(fetch(work, 3));
+        for (int d = 0; d < 3; d++) of_tools += work->solver->handles[t].force[d] * gpu->h_open[d];
+    }
+    CUDA_TRY(find_forces(work, gpu->iteration.d_x[0]));
+    open_slope_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(gpu->system, gpu->iteration, work->at, gpu->iteration.d_sums);
+    CUDA_TRY(CUDA_LAUNCHED("open_slope_kernel"));
+    CUDA_TRY(add_up(work, slope, nullptr));
+    *slope += of_tools;
+    return PLIANT_OK;
+}
+
+/* As take_step of opened.c; the state before goes to the other buffer. */
+static pliant_status take_step(const opening *work)
+{
+    pliant_cuda_solver *gpu = work->gpu;
+    const gpu_iteration *it = &gpu->iteration;
+    const size_t bytes = 3 * (size_t)it->num_nodes * sizeof(double);
+    double none, longest, gone = 0, slope = work->energy;
+    open_longest_kernel<<<work->blocks, THREADS, 0, gpu->stream>>>(*it, work->at.d_way, it->d_sums);
+    CUDA_TRY(CUDA_LAUNCHED("open_longest_kernel"));
+    CUDA_TRY(add_up(work, &none, &longest));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(it->d_x[1], it->d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
+    const double length = longest / work->solver->rules.smallest_displacement, share = pliant_opened_share(length);
+    const int parts = pliant_opened_parts(length);
+    for (int p = 0; p < parts; p++) {
+        const double part = share / parts;
+        CUDA_TRY(go(work, part));
+        gone += part;
+        if (!pliant_opened_doubts(gone, length)) continue;
+        const double before = slope;
+        CUDA_TRY(find_slope(work, &slope));
+        if (slope > 0) continue;
+        CUDA_TRY(go(work, -pliant_opened_back(part, before, slope)));
+        break;
+    }
+    if (gpu->in_use.rough) gpu->in_use.number++;
+    else pliant_in_use_turned(&gpu->in_use);
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_open_load(void)
+{
+    const void *kernels[] = {reinterpret_cast<const void *>(open_residual_kernel), reinterpret_cast<const void *>(open_product_kernel),
+                             reinterpret_cast<const void *>(open_slope_kernel),    reinterpret_cast<const void *>(open_place_kernel),
+                             reinterpret_cast<const void *>(open_advance_kernel),  reinterpret_cast<const void *>(open_step_kernel),
+                             reinterpret_cast<const void *>(open_combine_kernel),  reinterpret_cast<const void *>(open_longest_kernel)};
+    for (const void *kernel : kernels) {
+        cudaFuncAttributes attributes;
+        CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&attributes, kernel)));
+    }
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, int32_t *evaluations)
+{
+    opening work = {};
+    bool led = false, regular;
+    const int32_t most = pliant_solver_open_evaluations(solver, &step->limit, PLIANT_CUDA_OPEN_PART);
+    const bool goes = solver->opened && gpu->fresh && !pliant_touches_any(solver->touches) && most >= PLIANT_OPENED_LEAST;
+    *evaluations = 0;
+    solver->opened = false;
+    if (!goes) return PLIANT_OK;
+    int32_t products = pliant_opened_products(most);
+    work.gpu = gpu;
+    work.solver = solver;
+    work.step = step;
+    work.at = vectors_of(&gpu->iteration);
+    work.blocks = (unsigned)((gpu->iteration.num_free + THREADS - 1) / THREADS);
+    for (int t = 0; t < GPU_TOOLS; t++) memcpy(step->previous_force + 3 * t, solver->handles[t].force, 3 * sizeof(double));
+    CUDA_TRY(pliant_cuda_solver_open_room(gpu));
+    CUDA_TRY(find_springs(&work, &regular));
+    *evaluations = 1;
+    if (!regular) return PLIANT_OK;
+    CUDA_TRY(begin(&work, &led));
+    if (!std::isfinite(work.norm) || !(work.norm > 0)) return PLIANT_OK;
+    /* how far the body is from rest is not known on this side yet: it counts as hardly moved */
+    if (pliant_opened_is_settled(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement)) return PLIANT_OK;
+    CUDA_TRY(find_step(&work, led, &products));
+    *evaluations = 1 + products;
+    if (!(work.energy > 0)) return PLIANT_OK;
+    CUDA_TRY(take_step(&work));
+    step->opened = 1;
+    step->sound_merit = sqrt(work.energy);
+    return PLIANT_OK;
+}

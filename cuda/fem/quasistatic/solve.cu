@@ -1,0 +1,378 @@
+#include "cuda/fem/quasistatic/anderson.h"
+#include "cuda/base/check.h"
+#include "base/fail.h"
+#include "cuda/base/device.h"
+#include "cuda/fem/element/forces.h"
+#include "pliant/memory.h"
+#include "cuda/fem/quasistatic/solver.h"
+#include "state/discretization.h"
+#include "cuda/fem/coarse/upsample.h"
+
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+
+/* a hold that the GPU knows, whose response was not asked for */
+static const uint64_t no_response = UINT64_MAX;
+
+static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    if (solver->system->of) CUDA_TRY(pliant_system_find_pattern(solver->system->of->system));
+    CUDA_TRY(pliant_cuda_system_create(solver->system, gpu->stream, &gpu->system, &gpu->system_room));
+    CUDA_TRY(pliant_cuda_preconditioner_make(gpu, solver, nullptr, &gpu->preconditioner));
+    if (solver->budget > 0) CUDA_TRY(pliant_cuda_preconditioner_time(gpu, solver));
+    CUDA_TRY(pliant_cuda_solver_size(gpu, solver));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof(gpu_state), "the solver", reinterpret_cast<void **>(&gpu->h_state)));
+    CUDA_TRY(pliant_cuda_solver_record(gpu));
+    if (gpu->system_room.grows) {
+        CUDA_TRY(pliant_cuda_carried_load());
+        CUDA_TRY(pliant_cuda_open_load());
+        CUDA_TRY(pliant_cuda_solver_open_room(gpu));
+    }
+    return pliant_cuda_solver_restart(gpu, solver);
+}
+
+extern "C" pliant_status pliant_cuda_solver_create(const pliant_solver *solver, pliant_preconditioner_choice choice, bool grows, int device, cudaStream_t stream,
+                                                   pliant_cuda_solver **out)
+{
+    pliant_cuda_solver *gpu = static_cast<pliant_cuda_solver *>(pliant_calloc(1, sizeof *gpu));
+    if (!gpu) return pliant_fail_memory("the solver");
+    gpu->device = device;
+    gpu->stream = stream;
+    gpu->choice = choice;
+    gpu->system_room.grows = grows;
+    pliant_status status = fill(gpu, solver);
+    if (status != PLIANT_OK) {
+        pliant_cuda_solver_free(gpu);
+        return status;
+    }
+    *out = gpu;
+    return PLIANT_OK;
+}
+
+extern "C" void pliant_cuda_solver_free(pliant_cuda_solver *gpu)
+{
+    if (!gpu) return;
+    pliant_cuda_renewal_free(gpu);
+    if (gpu->evaluation) cudaGraphExecDestroy(gpu->evaluation);
+    if (gpu->look) cudaGraphExecDestroy(gpu->look);
+    if (gpu->touching) cudaGraphExecDestroy(gpu->touching);
+    pliant_cuda_touches_free(&gpu->touches);
+    gpu_iteration *it = &gpu->iteration;
+    void *blocks[] = {it->d_state, it->d_history, it->d_x[0], it->d_x[1], it->d_step[0], it->d_step[1], it->d_residual[0], it->d_residual[1], it->d_free_residual, it->d_past_step, it->d_past_residual, it->d_load, it->d_extra, it->d_touch,
+                      it->d_secant_x, it->d_secant_step, it->d_secant_residual, it->d_element_force, it->d_rotations, it->d_axes, it->d_right, it->d_left,
+                      it->d_sums, gpu->d_fine, gpu->d_solved, gpu->d_between};
+    for (void *block : blocks) pliant_cuda_release(block);
+    for (gpu_tool_arrays &tool : gpu->tools) {
+        pliant_cuda_release(tool.d_unknown);
+        pliant_cuda_release(tool.d_block);
+        pliant_cuda_release(tool.d_response);
+    }
+    pliant_cuda_release_host(gpu->h_state);
+    pliant_cuda_release_host(gpu->h_solved);
+    pliant_cuda_release_host(gpu->h_open);
+    pliant_cuda_preconditioner_free(&gpu->preconditioner);
+    pliant_cuda_system_free(&gpu->system, &gpu->system_room);
+    pliant_free(gpu);
+}
+
+extern "C" pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
+    gpu->in_use.number++;
+    gpu->in_use.rough = gpu->system.d_stiffness || (gpu->system.macros.count > 0 && !gpu->system.macros.d_shear);
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[0], solver->now.x, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_x[1], gpu->iteration.d_x[0], bytes, cudaMemcpyDeviceToDevice, gpu->stream)));
+    gpu->loaded = false;
+    gpu->fresh = true;
+    gpu->last_launches = 3;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_renew_at_rest(gpu, solver));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
+    CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
+    pliant_in_use_turned(&gpu->in_use);
+    gpu->in_use.turned = false; /* back to those of rest */
+    gpu->in_use.turned_at = 0;
+    CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    gpu->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* as pliant_solver_moved: the axes turn at once */
+    return pliant_cuda_solver_begin(gpu, solver);
+}
+
+/* ---- in a step */
+
+static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3])
+{
+    if (gpu->loaded && memcmp(gpu->gravity, gravity, sizeof gpu->gravity) == 0) return PLIANT_OK;
+    const size_t bytes = 3 * (size_t)gpu->system.num_free * sizeof(double);
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->iteration.d_load, solver->load, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    memcpy(gpu->gravity, gravity, sizeof gpu->gravity);
+    gpu->loaded = true;
+    return PLIANT_OK;
+}
+
+template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, size_t count, T **d_out, size_t *room)
+{
+    void *d_block = *d_out;
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), gpu->system_room.grows, "the solver", &d_block, room));
+    if (d_block == *d_out) return PLIANT_OK;
+    *d_out = static_cast<T *>(d_block);
+    return CUDA_CALL(cudaMemsetAsync(d_block, 0, *room, gpu->stream));
+}
+
+/* W of a tool that took hold */
+static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *handle, gpu_tool_arrays *arrays)
+{
+    const size_t most = (size_t)gpu->system.num_free, count = (size_t)handle->count;
+    CUDA_TRY(ensure(gpu, most, &arrays->d_unknown, &arrays->unknown_room));
+    CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_block, &arrays->block_room));
+    CUDA_TRY(ensure(gpu, 9 * most, &arrays->d_response, &arrays->response_room));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(arrays->d_unknown, handle->unknown, count * sizeof(int32_t), cudaMemcpyHostToDevice, gpu->stream)));
+    return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
+}
+
+/* What the tools do in this step; the responses of those that took hold or that the preconditioner left behind: *responded, and what it gave is lost. */
+static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, bool *responded)
+{
+    bool fresh = false;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_handle *handle = solver->handles + t;
+        gpu_tool_arrays *arrays = gpu->tools + t;
+        gpu_tool *tool = step->tools + t;
+        memcpy(tool->force, handle->force, sizeof tool->force);
+        if (!handle->active || handle->count == 0) continue;
+        if (handle->response_of == 0) {
+            CUDA_TRY(send_hold(gpu, handle, arrays));
+            fresh = true;
+        }
+        tool->active = 1;
+        tool->spring = !handle->by_force;
+        tool->count = handle->count;
+        tool->d_unknown = arrays->d_unknown;
+        tool->d_block = arrays->d_block;
+        tool->d_response = arrays->d_response;
+        tool->compliance = handle->compliance;
+        memcpy(tool->target, handle->target, sizeof tool->target);
+        memcpy(tool->origin, handle->origin, sizeof tool->origin);
+        if (handle->response_of == gpu->in_use.number) continue;
+        handle->response_of = no_response;
+        if (!tool->spring) continue;
+        CUDA_TRY(pliant_cuda_respond(&gpu->preconditioner, &gpu->iteration, tool, arrays->d_response, gpu->stream));
+        *responded = true;
+        handle->response_of = gpu->in_use.number;
+    }
+    /* nodes that were held before keep no force */
+    if (fresh || !solver->asked.kept)
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+    return PLIANT_OK;
+}
+
+static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, gpu_step *step)
+{
+    const pliant_axes axes = pliant_solver_axes(solver, &gpu->in_use, statistics->step);
+    if (axes == PLIANT_AXES_STAY) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream));
+    pliant_in_use_turned(&gpu->in_use);
+    gpu->in_use.turned_at = statistics->step;
+    if (axes == PLIANT_AXES_TURN) return PLIANT_OK;
+    step->forget = 1;
+    statistics->factors++;
+    return PLIANT_OK;
+}
+
+/* What a cut led to was no good, but its axes have served until now. */
+static pliant_status turn_back(pliant_cuda_solver *gpu, pliant_solver *solver)
+{
+    if (gpu->in_use.rough) return PLIANT_OK;
+    solver->asked.kept = false;
+    pliant_in_use_turned(&gpu->in_use);
+    return pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
+}
+
+static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
+{
+    CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
+    CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, step->known == PLIANT_KNOWN_STEP));
+    const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end or the trial in its place */
+    int32_t ahead = gpu->last_launches; /* a step takes about as many as the last one; those too many do nothing */
+    for (int32_t spent = 1; spent < most; ahead = 2) {
+        for (int32_t n = 1; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        if (gpu->h_state->done) return PLIANT_OK;
+    }
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+}
+
+/* What the host's limits say of it, and what is known of its first state. opened: out: evaluations before it, of the step after a cut */
+static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step,
+                             int32_t *opened)
+{
+    bool responded = false, seen = false;
+    CUDA_TRY(send_load(gpu, solver, gravity));
+    CUDA_TRY(turn(gpu, solver, statistics, step));
+    step->forget = step->forget || renewed || !solver->asked.kept;
+    CUDA_TRY(send_tools(gpu, solver, step, &responded));
+    step->limit = pliant_solver_limit(solver);
+    CUDA_TRY(pliant_cuda_solver_open(gpu, solver, step, opened));
+    if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces are others, and axes */
+    const pliant_anderson *limits = &solver->rules;
+    step->most_evaluations = *opened > 0 ? pliant_solver_open_evaluations(solver, &step->limit, PLIANT_CUDA_OPEN_PART) - *opened : limits->most_evaluations;
+    step->depth = limits->depth;
+    step->room = limits->room;
+    step->tolerance = limits->tolerance;
+    step->smallest_displacement = limits->smallest_displacement;
+    step->is_cycle = gpu->preconditioner.multigrid != nullptr;
+    step->smallest_scale = solver->smallest_scale;
+    step->restart = gpu->fresh;
+    step->known = pliant_solver_known(solver, &gpu->in_use, &seen);
+    step->seen = seen;
+    if (responded && step->known == PLIANT_KNOWN_STEP) step->known = PLIANT_KNOWN_FORCES;
+    step->touches = pliant_touches_any(solver->touches);
+    if (step->touches || gpu->touched)
+        CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_touch, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
+    gpu->touched = step->touches;
+    if (step->limit.evaluations < INT32_MAX) step->limit.evaluations += (step->known == PLIANT_KNOWN_STEP) - *opened;
+    return PLIANT_OK;
+}
+
+/* what the last step that had something to do came to */
+static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
+{
+    const gpu_state *state = gpu->h_state;
+    statistics->residual = state->rules.merit / state->told_scale;
+    statistics->residual_force = state->told_residual_force;
+    statistics->error = state->rules.error;
+}
+
+/* Evaluations of a step so far, and what its first ones say of the one before. */
+struct step_so_far {
+    int32_t opened;            /* of the step after a cut, before the others */
+    int32_t solved, iterations;
+    double error_before;
+    bool turned;               /* axes were turned for what could not be made then */
+    double start;              /* [s] */
+    double seconds;            /* that evaluations took */
+};
+
+/* What evaluations have led to: the tools' forces, and how many there were. */
+static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
+{
+    const gpu_state *state = gpu->h_state;
+    const pliant_anderson *rules = &state->rules;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, state->force[state->now] + 3 * t, sizeof solver->handles[t].force);
+    gpu->fresh = false;
+    gpu->last_launches = rules->evaluations + state->ending;
+    const int32_t solved = gpu->last_launches - (step->known == PLIANT_KNOWN_STEP);
+    if (so_far->iterations == 0) so_far->error_before = rules->error_before;
+    so_far->solved += solved;
+    so_far->iterations += rules->evaluations - rules->last;
+    gpu->in_use.evaluations += solved;
+    statistics->rejected += (uint64_t)rules->rejected;
+}
+
+static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
+{
+    const double start = solver->clock(solver->clock_user);
+    CUDA_TRY(step->touches ? pliant_cuda_touches_run(gpu, solver, step) : run(gpu, step));
+    so_far->seconds += solver->clock(solver->clock_user) - start;
+    note(gpu, solver, step, statistics, so_far);
+    return PLIANT_OK;
+}
+
+/* As come_out of solver.c: even a live step is better late, but one with a budget has so many evaluations more as there is time for. */
+static pliant_status come_out(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, gpu_step *step, step_so_far *so_far)
+{
+    bool made = true;
+    for (int again = 0; again < PLIANT_MOST_STUCK && made && pliant_touches_are_stuck(solver->touches, &gpu->h_state->rules, pliant_cuda_touches_moved(&gpu->touches)); again++) {
+        int32_t opened = 0;
+        const double each = so_far->solved > 0 ? so_far->seconds / so_far->solved : 0;
+        if (!pliant_solver_has_time_for(solver, so_far->start, gpu->making_seconds + each)) break;
+        CUDA_TRY(pliant_cuda_renew_now(gpu, solver, statistics, &made));
+        so_far->turned = !made;
+        if (!made) break;
+        *step = {};
+        CUDA_TRY(prepare(gpu, solver, gravity, statistics, true, step, &opened));
+        step->limit = {pliant_solver_affordable(solver, so_far->start, solver->clock(solver->clock_user), each), INFINITY};
+        CUDA_TRY(run_any(gpu, solver, step, statistics, so_far));
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+{
+    gpu_step step = {};
+    bool renewed = false;
+    step_so_far so_far = {};
+    so_far.start = solver->clock(solver->clock_user);
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_renewal_step(gpu, solver, statistics, &renewed));
+    if (gpu->fresh) pliant_solver_forget(solver);
+    if (!renewed && pliant_solver_rests(solver)) {
+        statistics->iterations = 0;
+        tell(gpu, statistics);
+        statistics->error_before = statistics->error;
+        return PLIANT_OK;
+    }
+    CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.opened));
+    CUDA_TRY(run_any(gpu, solver, &step, statistics, &so_far));
+    if (step.touches) CUDA_TRY(come_out(gpu, solver, gravity, statistics, &step, &so_far));
+    const gpu_state *state = gpu->h_state;
+    const pliant_anderson *rules = &state->rules;
+    if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
+    pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
+    if (so_far.turned) solver->asked.kept = false; /* the step ended in the axes of before */
+    pliant_even_note(&solver->even, so_far.solved + so_far.opened, rules->first_merit);
+    if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
+    gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;
+    statistics->iterations = so_far.opened + so_far.iterations;
+    tell(gpu, statistics);
+    statistics->error_before = so_far.error_before;
+    pliant_touches_tell(solver->touches, pliant_cuda_touches_moved(&gpu->touches), statistics);
+    return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
+}
+
+/* On an error the host goes on from the state before: with its forces, and its own step after a cut. */
+extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
+{
+    const bool opened = solver->opened;
+    double force[PLIANT_MAX_TOOLS][3];
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(force[t], solver->handles[t].force, sizeof force[t]);
+    const pliant_status status = take_step(gpu, solver, gravity, statistics);
+    if (status == PLIANT_OK || status == PLIANT_NOT_CONVERGED) return status;
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, force[t], sizeof force[t]);
+    solver->opened = opened;
+    return status;
+}
+
+extern "C" pliant_status pliant_cuda_solver_upsample(pliant_cuda_solver *gpu, const double **d_positions)
+{
+    CUDA_TRY(pliant_cuda_upsample(&gpu->system, &gpu->iteration, gpu->d_fine, gpu->d_solved, gpu->stream));
+    *d_positions = gpu->d_fine;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_solver_download(pliant_cuda_solver *gpu, const double **h_solved)
+{
+    *h_solved = gpu->h_solved;
+    if (!gpu->h_solved) return PLIANT_OK;
+    const size_t bytes = 3 * (size_t)gpu->system.num_nodes * sizeof(double);
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_solved, gpu->d_solved, bytes, cudaMemcpyDeviceToHost, gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_solver_place(pliant_cuda_solver *gpu, const double *h_fine)
+{
+    const size_t bytes = 3 * (size_t)gpu->system.num_fine * sizeof(double);
+    return CUDA_CALL(cudaMemcpyAsync(gpu->d_fine, h_fine, bytes, cudaMemcpyHostToDevice, gpu->stream));
+}

@@ -1,0 +1,299 @@
+#include "cuda/fem/quasistatic/touch.h"
+
+#include "cuda/fem/quasistatic/anderson.h"
+#include "base/fail.h"
+#include "cuda/base/check.h"
+#include "contact/solve/cone_rules.h"
+#include "pliant/memory.h"
+#include "cuda/fem/quasistatic/solver.h"
+#include "cuda/fem/quasistatic/touch_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+
+extern "C" void pliant_cuda_touches_free(gpu_touches *touches)
+{
+    pliant_cuda_answers_free(&touches->answers);
+    for (int b = 0; b < TOUCH_BLOCKS; b++) {
+        pliant_cuda_release(touches->d_block[b]);
+        pliant_cuda_release_host(touches->h_block[b]);
+    }
+    pliant_free(touches->place);
+    pliant_free(touches->touched);
+    memset(touches, 0, sizeof *touches);
+}
+
+static pliant_status make_block(gpu_touches *touches, int b, size_t d_bytes, size_t h_bytes)
+{
+    CUDA_TRY(pliant_cuda_ensure(d_bytes, true, "contacts", touches->d_block + b, touches->d_room + b));
+    if (h_bytes <= touches->h_room[b]) return PLIANT_OK;
+    pliant_cuda_release_host(touches->h_block[b]);
+    touches->h_block[b] = NULL;
+    touches->h_room[b] = 0;
+    CUDA_TRY(pliant_cuda_allocate_host(h_bytes + h_bytes / 2, "contacts", touches->h_block + b));
+    touches->h_room[b] = h_bytes + h_bytes / 2;
+    return PLIANT_OK;
+}
+
+static pliant_status set_size(gpu_touches *touches, int32_t num_free)
+{
+    if (touches->place && touches->num_free == num_free) return PLIANT_OK;
+    pliant_free(touches->place);
+    pliant_free(touches->touched);
+    touches->place = static_cast<int32_t *>(pliant_calloc((size_t)num_free, sizeof *touches->place));
+    touches->touched = static_cast<int32_t *>(pliant_calloc((size_t)num_free, sizeof *touches->touched));
+    touches->num_free = num_free;
+    if (touches->place && touches->touched) std::fill(touches->place, touches->place + num_free, -1);
+    else touches->num_free = 0;
+    return touches->num_free == num_free ? PLIANT_OK : pliant_fail_memory("contact");
+}
+
+/* unknowns that points move, in their order */
+static int32_t find_touched(const pliant_touches *from, gpu_touches *touches)
+{
+    int32_t count = 0;
+    for (int32_t w = 0; w < from->num_weights; w++) {
+        if (touches->place[from->unknown[w]] >= 0) continue;
+        touches->place[from->unknown[w]] = count;
+        touches->touched[count++] = from->unknown[w];
+    }
+    return count;
+}
+
+/* A block that is filled here and seen there: each array after the other. */
+struct packing { char *h, *d; };
+
+template <class T> static T *pack(packing *at, size_t count, T **d_out)
+{
+    T *here = reinterpret_cast<T *>(at->h);
+    *d_out = reinterpret_cast<T *>(at->d);
+    at->h += count * sizeof(T);
+    at->d += count * sizeof(T);
+    return here;
+}
+
+template <class T> static void pack(packing *at, const T *from, size_t count, const T **d_out)
+{
+    T *d_there, *here = pack(at, count, &d_there);
+    if (count > 0) memcpy(here, from, count * sizeof(T));
+    *d_out = d_there;
+}
+
+/* What points have of pieces: bytes of it, and it. */
+static size_t bytes_of_pieces(const pliant_touches *from)
+{
+    const size_t points = (size_t)from->count, moving = (size_t)from->num_moving;
+    return moving == 0 ? 0 : (size_t)from->num_arms * sizeof *from->arm + moving * sizeof(pliant_touch_piece) + points * sizeof(double) + (points + 1) * sizeof(int32_t);
+}
+
+static void pack_pieces(packing *at, const pliant_touches *from, gpu_touch_view *view)
+{
+    double *d_gives;
+    pliant_touch_piece *d_piece;
+    view->num_moving = from->num_moving;
+    if (from->num_moving == 0) return;
+    double *gives = pack(at, (size_t)from->count, &d_gives);
+    pliant_touch_piece *piece = pack(at, (size_t)from->num_moving, &d_piece);
+    for (int32_t c = 0; c < from->count; c++) gives[c] = pliant_touches_give_way(from, c);
+    for (int32_t m = 0; m < from->num_moving; m++) piece[m] = *pliant_touches_moving(from, m);
+    pack(at, from->arm, (size_t)from->num_arms, &view->d_arm);
+    view->d_gives = d_gives;
+    view->d_piece = d_piece;
+}
+
+/* by slots: which weights each has */
+static void pack_slots(packing *at, const pliant_touches *from, gpu_touches *touches, int32_t slots)
+{
+    gpu_touch_view *view = &touches->view;
+    int32_t *d_place, *d_point, *d_first, *d_start, *d_weight;
+    const size_t weights = (size_t)from->num_weights, count = (size_t)slots;
+    int32_t *place = pack(at, weights, &d_place), *point = pack(at, weights, &d_point), *first = pack(at, count, &d_first);
+    int32_t *start = pack(at, count + 1, &d_start), *weight = pack(at, weights, &d_weight);
+    for (int32_t c = 0; c < from->count; c++)
+        for (int32_t w = from->start[c]; w < from->start[c + 1]; w++) point[w] = c;
+    std::fill(start, start + slots + 1, 0);
+    for (int32_t w = 0; w < from->num_weights; w++) start[(place[w] = touches->place[from->unknown[w]])]++;
+    for (int32_t s = 0; s < slots; s++) start[s + 1] += start[s];
+    for (int32_t w = from->num_weights - 1; w >= 0; w--) weight[--start[place[w]]] = w;
+    for (int32_t s = 0; s < slots; s++) first[s] = 3 * touches->answers.slot[touches->touched[s]];
+    view->d_place = d_place;
+    view->d_point = d_point;
+    view->d_first = d_first;
+    view->d_weight_start = d_start;
+    view->d_weight = d_weight;
+}
+
+/* the points of the step, to the GPU */
+static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *from, int32_t slots)
+{
+    gpu_touches *touches = &gpu->touches;
+    gpu_touch_view *view = &touches->view;
+    const size_t points = (size_t)from->count, weights = (size_t)from->num_weights, count = (size_t)slots;
+    const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t) + bytes_of_pieces(from);
+    CUDA_TRY(make_block(touches, TOUCH_GOES_UP, bytes, bytes));
+    packing at = {static_cast<char *>(touches->h_block[TOUCH_GOES_UP]), static_cast<char *>(touches->d_block[TOUCH_GOES_UP])};
+    memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double)); /* these two come back together */
+    memcpy(pack(&at, 3 * points, &view->d_taken_motion), from->taken.motion, 3 * points * sizeof(double));
+    pack(&at, from->friction, points + (size_t)view->num_springs, &view->d_friction);
+    pack(&at, from->frame, 9 * points, &view->d_frame);
+    pack(&at, from->goal, 3 * points, &view->d_goal);
+    pack(&at, from->block, 9 * weights, &view->d_block);
+    pack_pieces(&at, from, view);
+    pack(&at, from->start, points + 1, &view->d_start);
+    if (from->num_moving > 0) pack(&at, from->arm_start, points + 1, &view->d_arm_start);
+    pack(&at, from->unknown, weights, &view->d_unknown);
+    pack(&at, touches->touched, count, &view->d_touched);
+    pack_slots(&at, from, touches, slots);
+    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_GOES_UP], touches->h_block[TOUCH_GOES_UP], bytes, cudaMemcpyHostToDevice, gpu->stream));
+}
+
+/* what the GPU works out, and what comes back of it: motions, then A */
+static pliant_status make_work(gpu_touches *touches, int32_t slots, int32_t pieces)
+{
+    gpu_touch_view *view = &touches->view;
+    const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs, back = (rows + rows * rows) * sizeof(double);
+    const size_t work = (9 * (size_t)view->num_weights + 3 * (size_t)slots + 6 * (size_t)pieces + PLIANT_CONE_EQUATIONS) * sizeof(double);
+    CUDA_TRY(make_block(touches, TOUCH_STAYS, work + back, back));
+    CUDA_TRY(make_block(touches, TOUCH_AT_EVALUATIONS, 3 * points * sizeof(double), 2 * points * sizeof(double)));
+    view->d_motion = static_cast<double *>(touches->d_block[TOUCH_STAYS]);
+    view->d_matrix = view->d_motion + rows;
+    view->d_turned = view->d_matrix + rows * rows;
+    view->d_pull = view->d_turned + 9 * (size_t)view->num_weights;
+    view->d_piece_moved = view->d_pull + 3 * (size_t)slots;
+    view->d_equations = view->d_piece_moved + 6 * (size_t)pieces;
+    view->d_change = static_cast<double *>(touches->d_block[TOUCH_AT_EVALUATIONS]);
+    view->d_found = view->d_change + points;
+    view->d_found_motion = view->d_found + points;
+    return PLIANT_OK;
+}
+
+static pliant_status send_view(gpu_touches *touches, cudaStream_t stream)
+{
+    CUDA_TRY(make_block(touches, TOUCH_VIEW, sizeof touches->view, sizeof touches->view)); /* it stays where it is: a graph knows of it */
+    if (touches->shared_room == 0) CUDA_TRY(pliant_cuda_touch_cones_room(&touches->shared_room));
+    memcpy(touches->h_block[TOUCH_VIEW], &touches->view, sizeof touches->view);
+    return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view, cudaMemcpyHostToDevice, stream));
+}
+
+static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
+{
+    gpu_touches *touches = &gpu->touches;
+    gpu_touch_view *view = &touches->view;
+    pliant_touches *from = solver->touches;
+    bool made = false;
+    CUDA_TRY(set_size(touches, gpu->system.num_free));
+    const int32_t slots = find_touched(from, touches);
+    pliant_status status = pliant_cuda_answers_find(&touches->answers, &gpu->preconditioner, &gpu->iteration, slots, touches->touched, gpu->stream, &made);
+    int spring[PLIANT_MAX_TOOLS];
+    view->count = from->count;
+    view->num_weights = from->num_weights;
+    view->num_slots = slots;
+    view->num_springs = pliant_touches_springs(solver, spring);
+    for (int32_t s = 0; s < view->num_springs; s++) view->spring[s] = spring[s];
+    view->d_column = touches->answers.d_column;
+    view->stride = touches->answers.stride;
+    if (status == PLIANT_OK) status = pliant_touches_make_matrix(from, view->num_springs);
+    if (status == PLIANT_OK) status = make_work(touches, slots, from->num_moving);
+    if (status == PLIANT_OK) status = send_points(gpu, from, slots);
+    if (status == PLIANT_OK) status = send_view(touches, gpu->stream);
+    for (int32_t s = 0; s < slots; s++) touches->place[touches->touched[s]] = -1;
+    return status;
+}
+
+/* Forces from what was measured, by the host: cones.h. Where a state is none, they stay. */
+static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_touches *from)
+{
+    gpu_touches *touches = &gpu->touches;
+    const gpu_touch_view *view = &touches->view;
+    const size_t points = 3 * (size_t)view->count, rows = points + 3 * (size_t)view->num_springs;
+    const double *h_motion = static_cast<const double *>(touches->h_block[TOUCH_STAYS]);
+    double *h_change = static_cast<double *>(touches->h_block[TOUCH_AT_EVALUATIONS]), *h_found = h_change + points;
+    bool sensible = true;
+    for (size_t i = 0; i < rows; i++) sensible = sensible && std::isfinite(h_motion[i]);
+    memcpy(from->motion, h_motion, rows * sizeof *h_motion);
+    const bool changed = sensible && pliant_touches_find(from, view->num_springs, h_motion + rows);
+    if (!sensible) {
+        memcpy(from->found.force, from->taken.force, points * sizeof *h_found);
+        memcpy(from->found.motion, from->taken.motion, points * sizeof *h_found);
+    }
+    memcpy(h_found, from->found.force, points * sizeof *h_found);
+    if (changed) memcpy(h_change, from->change, points * sizeof *h_change);
+    else memset(h_change, 0, points * sizeof *h_change);
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_AT_EVALUATIONS], h_change, 2 * points * sizeof *h_change, cudaMemcpyHostToDevice, gpu->stream)));
+    if (!changed) return PLIANT_OK;
+    CUDA_TRY(pliant_cuda_touch_pull(view, &gpu->iteration, gpu->stream));
+    return pliant_cuda_touch_push(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream);
+}
+
+static pliant_status download_state(const pliant_cuda_solver *gpu)
+{
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream));
+}
+
+/* The forces of an evaluation are found here while the GPU waits; whether it is taken, and what comes next, is told there, and seen with what the next
+ * one measures. */
+static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
+{
+    gpu_touches *touches = &gpu->touches;
+    const gpu_touch_view *view = &touches->view;
+    const gpu_iteration *it = &gpu->iteration;
+    const size_t rows = 3 * (size_t)(view->count + view->num_springs), whole = (rows + rows * rows) * sizeof(double);
+    for (int32_t made = 0; made <= most; made++) {
+        CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), it, gpu->stream));
+        CUDA_TRY(pliant_cuda_solver_look(gpu));
+        CUDA_TRY(pliant_cuda_touch_measure(view, it, gpu->stream));
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, made == 0 ? whole : rows * sizeof(double), cudaMemcpyDeviceToHost, gpu->stream)));
+        CUDA_TRY(download_state(gpu));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        if (gpu->h_state->took) pliant_touches_take(solver->touches);
+        if (gpu->h_state->done) return PLIANT_OK;
+        CUDA_TRY(find_forces(gpu, solver->touches));
+        CUDA_TRY(pliant_cuda_solver_judge(gpu));
+    }
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+}
+
+/* What of the points comes back: forces and motions of the state of the step, where it has led them. */
+static pliant_status download(pliant_cuda_solver *gpu)
+{
+    gpu_touches *touches = &gpu->touches;
+    const gpu_touch_view *view = &touches->view;
+    const size_t bytes = 3 * (size_t)view->count * sizeof(double);
+    CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream)); /* of the last evaluation */
+    CUDA_TRY(pliant_cuda_touch_measure(view, &gpu->iteration, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_AT_EVALUATIONS], view->d_force, 2 * bytes, cudaMemcpyDeviceToHost, gpu->stream)));
+    return download_state(gpu);
+}
+
+/* A step takes about as many evaluations as the last one; those too many do nothing. */
+static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
+{
+    const size_t numbers = 3 * (size_t)gpu->touches.view.count;
+    for (int32_t spent = 0, ahead = gpu->last_launches; spent < most; ahead = 2) {
+        for (int32_t n = 0; n < ahead && spent < most; n++, spent++) CUDA_TRY(pliant_cuda_solver_evaluate_touching(gpu));
+        CUDA_TRY(download(gpu));
+        CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+        if (!gpu->h_state->done) continue;
+        const double *h_taken = static_cast<const double *>(gpu->touches.h_block[TOUCH_AT_EVALUATIONS]);
+        memcpy(solver->touches->taken.force, h_taken, numbers * sizeof *h_taken);
+        memcpy(solver->touches->taken.motion, h_taken + numbers, numbers * sizeof *h_taken);
+        return PLIANT_OK;
+    }
+    return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
+}
+
+extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
+{
+    const gpu_touch_view *view = &gpu->touches.view;
+    const int32_t most = step->most_evaluations + 4; /* as of a step without contact */
+    CUDA_TRY(prepare(gpu, solver));
+    CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
+    CUDA_TRY(pliant_cuda_touch_begin(view, &gpu->iteration, gpu->stream));
+    const bool few = 3 * (view->count + view->num_springs) <= PLIANT_CONE_TOGETHER;
+    return few ? run_on_gpu(gpu, solver, most) : run_with_host(gpu, solver, most);
+}
+
+extern "C" const double *pliant_cuda_touches_moved(const gpu_touches *touches) { return static_cast<const double *>(touches->h_block[TOUCH_STAYS]); }

@@ -1,0 +1,277 @@
+/* Tetrahedra set up for drawing, and listed by brick. */
+#include "cuda/base/check.h"
+#include "cuda/warp/raster_math.cuh"
+#include "cuda/warp/rasterize.h"
+
+enum { THREADS = 128 };
+
+/* Bricks of a mask that are a thread's: those of even or odd place along i and along j, so that all four threads have some. */
+static __device__ __forceinline__ unsigned long long own_bricks(unsigned long long bricks, int v)
+{
+    static_assert(MASK_EDGE == 4, "a row of the mask has 4 bits, a slice 16");
+    return bricks & 0x0505050505050505ull << ((v & 1) + MASK_EDGE * (v >> 1));
+}
+
+/* what of a tetrahedron says which bricks it touches */
+struct footprint { unsigned long long bricks; gpu_box box; };
+
+/* those of one that spans more bricks than the mask has, found by its planes */
+template <class Visit>
+static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int t, const int *low, const int *high, Visit visit)
+{
+    const int v = (int)threadIdx.x % 4;
+    exact_plane planes[4];
+    for (int p = 0; p < 4; p++) planes[p] = gpu_exact_plane(corners_of(raster), t, p);
+    int at[3], number = 0;
+    for (at[2] = low[2]; at[2] <= high[2]; at[2]++)
+        for (at[1] = low[1]; at[1] <= high[1]; at[1]++)
+            for (at[0] = low[0]; at[0] <= high[0]; at[0]++) {
+                if (number++ % 4 != v) continue;
+                int begin[3], end[3];
+                for (int d = 0; d < 3; d++) {
+                    begin[d] = BRICK * at[d];
+                    end[d] = begin[d] + BRICK - 1;
+                }
+                bool cuts = true; /* pliant_raster_cuts */
+                for (int p = 0; p < 4; p++) cuts = cuts && gpu_most_in(planes[p], begin, end) >= 0;
+                if (cuts) visit(at[0] + raster.grid.bricks[0] * (at[1] + raster.grid.bricks[1] * at[2]), -1);
+            }
+}
+
+/* each of the four threads takes its share of the bricks, two at a time */
+template <class Visit>
+static __device__ __forceinline__ void visit_bricks(const gpu_raster &raster, int t, const footprint &foot, Visit visit)
+{
+    if (foot.box.kind == RASTER_NOTHING) return;
+    const int across = raster.grid.bricks[0], down = raster.grid.bricks[1], v = (int)threadIdx.x % 4;
+    int low[3], high[3];
+    for (int d = 0; d < 3; d++) {
+        low[d] = foot.box.low[d] / BRICK;
+        high[d] = foot.box.high[d] / BRICK;
+    }
+    if (!gpu_in_mask(foot.box.low, foot.box.high)) {
+        visit_many(raster, t, low, high, visit);
+        return;
+    }
+    const int first = low[0] + across * (low[1] + down * low[2]);
+    for (unsigned long long left = own_bricks(foot.bricks, v); left; left &= left - 1) {
+        int brick[2];
+        for (int n = 0; n < 2; n++) {
+            const int bit = __ffsll((long long)left) - 1;
+            brick[n] = left ? first + (bit & 3) + across * ((bit >> 2 & 3) + down * (bit >> 4)) : -1;
+            if (n == 0) left &= left - 1;
+        }
+        visit(brick[0], brick[1]);
+    }
+}
+
+static __device__ __forceinline__ void list_in(const gpu_raster &raster, int t, int brick, int place)
+{
+    if (brick >= 0 && place < raster.capacity) raster.d_list[(size_t)brick * raster.capacity + place] = t;
+}
+
+/* its box in voxels inside the target; false when that is empty (find_box) */
+static __device__ __forceinline__ bool find_box(const raster_grid &grid, const int fixed[4][3], short *low, short *high)
+{
+    bool any = true;
+    for (int d = 0; d < 3; d++) {
+        int least = fixed[0][d], most = least;
+        for (int n = 1; n < 4; n++) {
+            least = min(least, fixed[n][d]);
+            most = max(most, fixed[n][d]);
+        }
+        least = max(-(-least >> grid.fraction_bits), 0);
+        most = min(most >> grid.fraction_bits, grid.target.size[d] - 1);
+        any = any && least <= most;
+        low[d] = (short)least;
+        high[d] = (short)most;
+    }
+    return any;
+}
+
+/* pliant_raster_tet. own_rest: of its own node; wanted: it is drawn; out: NULL where there is none. All four threads come here together. */
+static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool wanted, gpu_tet *out,
+                                              footprint &foot)
+{
+    const raster_grid &grid = raster.grid;
+    const int v = (int)threadIdx.x % 4, axis = v < 3 ? v : 0;
+    long long normal[3];
+    const double volume = gpu_normals(fixed, v, normal);
+    gpu_box &box = foot.box;
+    const bool drawn = wanted & (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, box.low, box.high);
+    double rest[4], map[4], rounded[4], exact[3];
+    for (int d = 0; d < 3; d++) exact[d] = (double)normal[d]; /* below 2^53 */
+    for (int n = 0; n < 4; n++) {
+        double x = of_thread(own_rest[0], n), y = of_thread(own_rest[1], n), z = of_thread(own_rest[2], n);
+        rest[n] = axis == 0 ? x : axis == 1 ? y : z;
+    }
+    gpu_map(grid, fixed, rest, exact, volume, map);
+    const bool whole = all_of_four(gpu_is_whole(grid, raster.source_size[axis], fixed, rest, map, rounded));
+    for (int c = 0; c < 4; c++) map[c] = whole ? rounded[c] : map[c];
+    box.inner = all_of_four(gpu_stays_inside(raster.source_size[axis], rest, map));
+    box.kind = !drawn ? RASTER_NOTHING : whole ? RASTER_COPY : RASTER_SAMPLE;
+    int point[3], middle[3];
+    for (int d = 0; d < 3; d++) {
+        if (grid.mirrored) normal[d] = -normal[d];
+        exact[d] = grid.mirrored ? -exact[d] : exact[d];
+        point[d] = v == 0 ? fixed[1][d] : fixed[0][d];
+        middle[d] = box.middle(d);
+    }
+    const long long value = gpu_plane_value(grid.fraction_bits, normal, point);
+    long long near = value;
+    for (int d = 0; d < 3; d++) near += normal[d] * (box.low[d] / BRICK * BRICK);
+    foot.bricks = and_of_four(drawn ? gpu_find_bricks(box.low, box.high, exact, (double)near) : 0);
+    gpu_tet *bounds = drawn ? out : NULL;
+    const unsigned begins = set_rows(normal, value, middle, v, bounds), lows = set_slices(grid, fixed, begins, middle, v, bounds);
+    box.row_begins = (unsigned char)__popc(begins);
+    box.slice_begins = (unsigned char)__popc(lows);
+    if (out && v == 0) {
+        out->box = box;
+        out->bricks = foot.bricks;
+    }
+    if (bounds && v < 3)
+        for (int c = 0; c < 4; c++) bounds->map[v][c] = map[c];
+}
+
+/* Where a thread's own corner is now, and was at rest. GUESTS: there may be some */
+template <bool GUESTS> static __device__ __forceinline__ void find_corner(const gpu_raster &raster, const double *d_positions, int t, int v, int *mine, double *rest)
+{
+    if (GUESTS && t >= raster.num_tets) {
+        const part_guest &guest = raster.d_guests[t - raster.num_tets];
+        const double *nodes[4];
+        double corner[3];
+        for (int n = 0; n < 4; n++) nodes[n] = d_positions + 3 * (size_t)raster.d_tets[4 * (size_t)guest.carrier + n];
+        part_guest_corner(guest.blend[v], nodes, corner);
+        for (int d = 0; d < 3; d++) rest[d] = guest.rest[v][d];
+        gpu_fix(raster.grid, raster.reciprocal, corner, mine);
+        return;
+    }
+    const size_t node = (size_t)raster.d_tets[4 * (size_t)t + v];
+    for (int d = 0; d < 3; d++) rest[d] = raster.d_rest[3 * node + d];
+    gpu_fix(raster.grid, raster.reciprocal, d_positions + 3 * node, mine);
+}
+
+/* Four threads a tetrahedron. Every one is listed in every brick that it touches, since one that stays may share a brick with
+ * one that moves; bricks are dirty where one that moved was or is. */
+template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
+{
+    const int own = (int)(blockIdx.x * THREADS + threadIdx.x) / 4, v = (int)threadIdx.x % 4;
+    const bool there = own < raster.num_elements;
+    const int t = there ? own : raster.num_elements - 1; /* the last threads go along, since all talk to each other */
+    gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
+    footprint foot = {};
+    if (!all) {
+        foot.bricks = stored->bricks;
+        foot.box = stored->box;
+    }
+    int mine[3], fixed[4][3], *last = raster.d_fixed + 12 * (size_t)t + 3 * v;
+    double rest[3];
+    find_corner<PARTS>(raster, d_positions, t, v, mine, rest);
+    bool still = !all;
+    for (int d = 0; d < 3; d++) {
+        still = still && last[d] == mine[d];
+        for (int n = 0; n < 4; n++) fixed[n][d] = of_thread(mine[d], n);
+    }
+    still = all_of_four(still);
+    if (there && !still)
+        visit_bricks(raster, t, foot, [&](int one, int other) {
+            raster.d_dirty[one] = 1;
+            if (other >= 0) raster.d_dirty[other] = 1;
+        });
+    __syncwarp();
+    if (__any_sync(0xffffffff, there && !still)) { /* setting up one that stayed gives what it was */
+        if (there)
+            for (int d = 0; d < 3; d++) last[d] = mine[d];
+        set_up(raster, fixed, rest, !PARTS || !raster.d_zone || raster.d_zone[t] > 0, there ? stored : NULL, foot);
+        __syncwarp();
+    }
+    if (!there) return;
+    const bool parted = PARTS && raster.parts.elements[t].box >= 0;
+    visit_bricks(raster, t, foot, [&](int one, int other) {
+        if (parted) {
+            raster.d_parted[one] = 1;
+            if (other >= 0) raster.d_parted[other] = 1;
+        }
+        if (!still) {
+            raster.d_dirty[one] = 1;
+            if (other >= 0) raster.d_dirty[other] = 1;
+        }
+        /* any order: the lowest index wins all the same */
+        const int place = atomicAdd(raster.d_count + one, 1), other_place = other >= 0 ? atomicAdd(raster.d_count + other, 1) : 0;
+        list_in(raster, t, one, place);
+        list_in(raster, t, other, other_place);
+    });
+}
+
+extern "C" size_t pliant_cuda_setup_bytes(void) { return sizeof(gpu_tet); }
+
+extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double *d_positions, bool all, cudaStream_t stream)
+{
+    const long long threads = 4 * (long long)raster->num_elements;
+    const unsigned blocks = (unsigned)((threads + THREADS - 1) / THREADS);
+    if (all) CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 1, (size_t)raster->num_bricks, stream)));
+    if (raster->parts.elements) cull_kernel<true><<<blocks, THREADS, 0, stream>>>(*raster, d_positions, all);
+    else cull_kernel<false><<<blocks, THREADS, 0, stream>>>(*raster, d_positions, all);
+    return CUDA_LAUNCHED("cull_kernel");
+}
+
+/* ---- from body to body */
+
+/* corners that no node ever has: such an element is set up in the next update */
+static __device__ void set_anew(gpu_raster now, int e)
+{
+    gpu_tet &out = static_cast<gpu_tet *>(now.d_setup)[e];
+    out.bricks = 0;
+    out.box = {};
+    out.box.kind = RASTER_NOTHING;
+    for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = INT32_MIN;
+}
+
+static __global__ void carry_kernel(gpu_raster before, gpu_raster now, int common, const int32_t *__restrict__ d_from)
+{
+    const int e = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (e >= now.num_elements) return;
+    const int from = e < common ? e : d_from[e - common];
+    if (from < 0) {
+        set_anew(now, e);
+        return;
+    }
+    static_cast<gpu_tet *>(now.d_setup)[e] = static_cast<const gpu_tet *>(before.d_setup)[from];
+    for (int n = 0; n < 12; n++) now.d_fixed[12 * (size_t)e + n] = before.d_fixed[12 * (size_t)from + n];
+}
+
+static __global__ void anew_kernel(gpu_raster now, int count, const int32_t *__restrict__ d_anew)
+{
+    const int i = (int)(blockIdx.x * THREADS + threadIdx.x);
+    if (i < count) set_anew(now, d_anew[i]);
+}
+
+/* four threads an element */
+static __global__ void leave_kernel(gpu_raster before, int count, const int32_t *__restrict__ d_gone)
+{
+    const int i = (int)(blockIdx.x * THREADS + threadIdx.x) / 4;
+    if (i >= count) return;
+    const int e = d_gone[i];
+    const gpu_tet *stored = static_cast<const gpu_tet *>(before.d_setup) + e;
+    visit_bricks(before, e, {stored->bricks, stored->box}, [&](int one, int other) {
+        before.d_dirty[one] = 1;
+        if (other >= 0) before.d_dirty[other] = 1;
+    });
+}
+
+extern "C" pliant_status pliant_cuda_carry_elements(const gpu_raster *before, const gpu_raster *now, int32_t common, const int32_t *d_from, int32_t num_anew,
+                                                    const int32_t *d_anew, cudaStream_t stream)
+{
+    carry_kernel<<<(unsigned)((now->num_elements + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, *now, common, d_from);
+    CUDA_TRY(CUDA_LAUNCHED("carry_kernel"));
+    if (num_anew == 0) return PLIANT_OK;
+    anew_kernel<<<(unsigned)((num_anew + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*now, num_anew, d_anew);
+    return CUDA_LAUNCHED("anew_kernel");
+}
+
+extern "C" pliant_status pliant_cuda_leave_bricks(const gpu_raster *before, int32_t num_gone, const int32_t *d_gone, cudaStream_t stream)
+{
+    if (num_gone == 0) return PLIANT_OK;
+    leave_kernel<<<(unsigned)((4 * (long long)num_gone + THREADS - 1) / THREADS), THREADS, 0, stream>>>(*before, num_gone, d_gone);
+    return CUDA_LAUNCHED("leave_kernel");
+}

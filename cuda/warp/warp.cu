@@ -1,0 +1,556 @@
+#include "cuda/base/check.h"
+#include "base/fail.h"
+#include "cuda/base/device.h"
+#include "cuda/warp/fit.h"
+#include "cuda/warp/pick.h"
+#include "pliant/memory.h"
+#include "cuda/warp/rasterize.h"
+#include "cuda/warp/render.h"
+#include "cuda/base/send.h"
+#include "cuda/warp/warp.h"
+
+#include <cstring>
+
+enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
+
+/* Arrays that are of a body, and what they have room for. */
+enum { TETS, REST, FIXED, SETUP, GUESTS, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
+struct body_room { bool grows; size_t bytes[BODY_ARRAYS]; };
+
+struct cuda_next;
+
+struct pliant_cuda_warp {
+    pliant_warp_parts parts;
+    int device;
+    cudaStream_t stream;       /* its own: updates from the host, copies to it */
+    gpu_raster raster;
+    body_room room;
+    cuda_next *spare;          /* Nullable: arrays of the body before, for the next one */
+    pliant_cuda_fit *fit;      /* NULL: rasterize */
+    double *d_positions;       /* (num_nodes x 3) of updates from the host */
+    cudaEvent_t marks[NUM_MARKS];
+    uint8_t *h_changed;        /* (num_bricks), page-locked */
+    int32_t *h_longest;        /* page-locked */
+    march_crossing *d_crossing, *h_crossing; /* of a pick; page-locked */
+    gpu_pictures pictures;
+    uint8_t *stale;            /* (slabs of bricks along k) to be fetched */
+    bool drawn;
+    bool crowded;              /* there was a brick that the usual kernel cannot draw */
+    bool page_locked;          /* the host's volume was made so */
+    size_t volume_bytes;
+};
+
+/* 32 bits count voxels of the scan with room for sums, and 24 bits of an owner's key tetrahedra */
+static const int most_voxels = 1 << 30, most_tets = 1 << 24;
+/* candidates of a brick at first: more than any but the most crowded bricks have */
+static const int32_t first_capacity = 192;
+
+template <class T> static pliant_status allocate(size_t count, T **d_out)
+{
+    return pliant_cuda_allocate(count * sizeof(T), "the deformed volume", reinterpret_cast<void **>(d_out));
+}
+
+template <class T> static pliant_status room_for(size_t count, int array, body_room *room, T **d_out)
+{
+    void *d_block = const_cast<void *>(static_cast<const void *>(*d_out));
+    CUDA_TRY(pliant_cuda_ensure(count * sizeof(T), room->grows, "the mesh to draw", &d_block, room->bytes + array));
+    *d_out = static_cast<T *>(d_block);
+    return PLIANT_OK;
+}
+
+template <class T> static pliant_status send(const T *h_from, size_t count, int array, cudaStream_t stream, body_room *room, const T **d_out)
+{
+    CUDA_TRY(room_for(count, array, room, d_out));
+    return CUDA_CALL(cudaMemcpyAsync(const_cast<T *>(*d_out), h_from, count * sizeof(T), cudaMemcpyHostToDevice, stream));
+}
+
+static pliant_status upload_source(pliant_cuda_warp *gpu)
+{
+    const raster_source *source = gpu->parts.source;
+    void *d_voxels = nullptr, *d_source = nullptr;
+    const size_t bytes = (size_t)source->count * pliant_cuda_source_bytes(source->encoding);
+    if (source->count >= most_voxels)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%lld voxels are too many for the GPU's warp: it takes fewer than %d", (long long)source->count, most_voxels);
+    CUDA_TRY(pliant_cuda_allocate(bytes, "the scan", &d_source));
+    gpu->raster.d_source = d_source;
+    CUDA_TRY(pliant_cuda_upload(source->voxels, (size_t)source->count * pliant_encoding_size(source->encoding), "the scan", gpu->stream, &d_voxels));
+    pliant_status status = pliant_cuda_prepare_source(&gpu->raster, d_voxels, d_source, source->count, gpu->stream);
+    if (status == PLIANT_OK) status = CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+    pliant_cuda_release(d_voxels);
+    return status;
+}
+
+/* What is here of the body before, was sent from where, and differs. */
+struct known_body {
+    const gpu_raster *raster;
+    const pliant_warp_parts *parts;
+    const pliant_warp_changes *changes;
+};
+
+/* An array of which the first ones are here: what differs from before, or lies behind them, is sent. h_before: NULL: nothing differs */
+template <class T>
+static pliant_status send_next(const T *h_from, size_t count, const T *d_before, const T *h_before, size_t before, int array, cudaStream_t stream, body_room *room, const T **d_out)
+{
+    const size_t same = before < count ? before : count;
+    CUDA_TRY(room_for(count, array, room, d_out));
+    T *d_to = const_cast<T *>(*d_out);
+    if (same > 0) CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to, d_before, same * sizeof(T), cudaMemcpyDeviceToDevice, stream)));
+    if (h_before) return pliant_cuda_send_differences(h_from, count * sizeof(T), h_before, before * sizeof(T), d_to, stream);
+    return same == count ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T), cudaMemcpyHostToDevice, stream));
+}
+
+/* Corners of elements, of a mesh that may be anyone's: of those that both bodies have, what differs is drawn anew. */
+static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream, body_room *room, const int32_t **d_out)
+{
+    enum { NEAR = 256 }; /* what lies between two goes along */
+    const size_t count = 4 * (size_t)mesh->num_tets;
+    if (!known) return send(mesh->tets, count, TETS, stream, room, d_out);
+    const pliant_warp_changes *changes = known->changes;
+    CUDA_TRY(send_next<int32_t>(mesh->tets, count, known->raster->d_tets, nullptr, 4 * (size_t)changes->common, TETS, stream, room, d_out));
+    int32_t *d_to = const_cast<int32_t *>(*d_out);
+    for (int32_t first = 0, last; first < changes->num_anew; first = last) {
+        for (last = first + 1; last < changes->num_anew && changes->anew[last] - changes->anew[last - 1] < NEAR;) last++;
+        const size_t from = 4 * (size_t)changes->anew[first], to = 4 * ((size_t)changes->anew[last - 1] + 1);
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_to + from, mesh->tets + from, (to - from) * sizeof *d_to, cudaMemcpyHostToDevice, stream)));
+    }
+    return PLIANT_OK;
+}
+
+/* what is of a body; known: Nullable */
+static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream, gpu_raster *raster, body_room *room)
+{
+    const gpu_raster *here = known ? known->raster : raster;
+    const pliant_parts *cut_here = known && here->parts.elements ? known->parts->parts : nullptr;
+    const size_t tets = (size_t)parts->mesh->num_tets, nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
+    const pliant_parts *cut = parts->parts;
+    const size_t guests = cut ? (size_t)cut->num_guests : 0, elements = tets + guests;
+    if (elements >= (size_t)most_tets)
+        return pliant_fail(PLIANT_ERROR_MEMORY, "%zu tetrahedra are too many for the GPU's warp: it takes fewer than %d", elements, most_tets);
+    raster->num_tets = (int32_t)tets;
+    raster->num_elements = (int32_t)elements;
+    uint8_t *d_setup = static_cast<uint8_t *>(raster->d_setup);
+    CUDA_TRY(send_tets(parts->mesh, known, stream, room, &raster->d_tets));
+    CUDA_TRY(send_next<double>(parts->rest, 3 * nodes, here->d_rest, nullptr, known ? 3 * (size_t)parts->rest_known : 0, REST, stream, room, &raster->d_rest));
+    CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
+    CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
+    raster->d_setup = d_setup;
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_setup, 0, elements * pliant_cuda_setup_bytes(), stream))); /* what is not drawn is carried, too */
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream)));
+    if (!cut) {
+        raster->parts.num_elements = 0;
+        pliant_cuda_release(const_cast<part_element *>(raster->parts.elements)); /* tells whether there is a cut */
+        raster->parts.elements = nullptr;
+        return PLIANT_OK;
+    }
+    memcpy(raster->parts.scan_size, cut->view.scan_size, sizeof raster->parts.scan_size);
+    raster->parts.num_elements = cut->view.num_elements;
+    if (guests > 0) CUDA_TRY(send(cut->guests, guests, GUESTS, stream, room, &raster->d_guests));
+    CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr, cut_here ? (size_t)cut_here->view.num_elements : 0,
+                       ELEMENTS, stream, room, &raster->parts.elements));
+    if (cut->num_boxes > 0) CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
+    const size_t labels_here = cut_here && cut_here->pool == cut->pool ? (size_t)cut_here->num_labels : 0; /* of one pool: those that come later are behind them */
+    if (cut->num_labels > 0)
+        CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr, labels_here, LABELS, stream, room, &raster->parts.labels));
+    CUDA_TRY(room_for(bricks, PARTED, room, &raster->d_parted));
+    return CUDA_CALL(cudaMemsetAsync(raster->d_parted, 0, bricks, stream));
+}
+
+static void release_body(const gpu_raster *raster)
+{
+    const void *blocks[] = {raster->d_tets,         raster->d_rest,      raster->d_fixed,      raster->d_setup, raster->d_guests,
+                            raster->parts.elements, raster->parts.boxes, raster->parts.labels, raster->d_parted};
+    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+}
+
+/* which elements touch which bricks; once */
+static pliant_status fill_lists(pliant_cuda_warp *gpu)
+{
+    gpu_raster *raster = &gpu->raster;
+    const size_t bricks = (size_t)raster->num_bricks;
+    if (raster->d_list) return PLIANT_OK;
+    if (!raster->d_count) CUDA_TRY(allocate(bricks, &raster->d_count));
+    if (!raster->d_dirty) CUDA_TRY(allocate(bricks, &raster->d_dirty));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_dirty, 0, bricks * sizeof *raster->d_dirty, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_count, 0, bricks * sizeof *raster->d_count, gpu->stream)));
+    int32_t *d_list;
+    CUDA_TRY(allocate(bricks * (size_t)raster->capacity, &d_list));
+    raster->d_list = d_list;
+    return CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream));
+}
+
+/* what the elements' own maps need: where there is no fit, and of a fit where tissue is cut */
+static pliant_status fill_raster(pliant_cuda_warp *gpu)
+{
+    if (!gpu->parts.fit) CUDA_TRY(upload_source(gpu));
+    CUDA_TRY(fill_body(&gpu->parts, nullptr, gpu->stream, &gpu->raster, &gpu->room));
+    return fill_lists(gpu);
+}
+
+static pliant_status fill(pliant_cuda_warp *gpu)
+{
+    const pliant_warp_parts *parts = &gpu->parts;
+    gpu_raster *raster = &gpu->raster;
+    const size_t nodes = (size_t)parts->mesh->num_nodes, bricks = (size_t)raster->num_bricks;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    int least = 0, greatest = 0;
+    CUDA_TRY(CUDA_CALL(cudaDeviceGetStreamPriorityRange(&least, &greatest)));
+    CUDA_TRY(CUDA_CALL(cudaStreamCreateWithPriority(&gpu->stream, cudaStreamNonBlocking, greatest)));
+    for (cudaEvent_t &mark : gpu->marks) CUDA_TRY(CUDA_CALL(cudaEventCreate(&mark)));
+    if (parts->fit) CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &gpu->fit));
+    if (!parts->fit || parts->parts) CUDA_TRY(fill_raster(gpu));
+    CUDA_TRY(pliant_cuda_allocate(gpu->volume_bytes, "the deformed volume", &raster->d_volume));
+    CUDA_TRY(allocate(bricks, &raster->d_changed));
+    CUDA_TRY(allocate(1, &raster->d_longest));
+    CUDA_TRY(room_for(3 * nodes, POSITIONS, &gpu->room, &gpu->d_positions));
+    CUDA_TRY(allocate(1, &gpu->d_crossing));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_longest, 0, sizeof *raster->d_longest, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->d_crossing, 0, sizeof *gpu->d_crossing, gpu->stream)));
+    CUDA_TRY(pliant_cuda_clear_volume(raster, gpu->stream));
+    CUDA_TRY(pliant_cuda_allocate_host(bricks, "the deformed volume", reinterpret_cast<void **>(&gpu->h_changed)));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_longest, "the deformed volume", reinterpret_cast<void **>(&gpu->h_longest)));
+    CUDA_TRY(pliant_cuda_allocate_host(sizeof *gpu->h_crossing, "the pick", reinterpret_cast<void **>(&gpu->h_crossing)));
+    gpu->page_locked = pliant_cuda_lock_pages(parts->volume->voxels, gpu->volume_bytes);
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+extern "C" pliant_status pliant_cuda_warp_create(const pliant_warp_parts *parts, int device, pliant_cuda_warp **out)
+{
+    pliant_cuda_warp *gpu = static_cast<pliant_cuda_warp *>(pliant_calloc(1, sizeof *gpu));
+    if (!gpu) return pliant_fail_memory("the warp");
+    gpu->parts = *parts;
+    gpu->device = device;
+    gpu->volume_bytes = pliant_geometry_voxels(&parts->grid->target) * pliant_encoding_size(parts->source->encoding);
+    gpu_raster *raster = &gpu->raster;
+    raster->grid = *parts->grid;
+    raster->encoding = parts->source->encoding;
+    raster->background = *parts->source;
+    raster->capacity = first_capacity;
+    raster->num_bricks = parts->grid->bricks[0] * parts->grid->bricks[1] * parts->grid->bricks[2];
+    for (int d = 0; d < 3; d++) {
+        raster->source_size[d] = parts->source->size[d];
+        raster->source_step[d] = (int32_t)parts->source->step[d];
+        raster->reciprocal[d] = 1 / parts->grid->target.spacing[d];
+    }
+    gpu->stale = static_cast<uint8_t *>(pliant_calloc((size_t)parts->grid->bricks[2], 1));
+    pliant_status status = gpu->stale ? fill(gpu) : pliant_fail_memory("the warp");
+    if (status != PLIANT_OK) {
+        pliant_cuda_warp_free(gpu);
+        return status;
+    }
+    *out = gpu;
+    return PLIANT_OK;
+}
+
+static void free_next(cuda_next *next);
+
+extern "C" void pliant_cuda_warp_free(pliant_cuda_warp *gpu)
+{
+    if (!gpu) return;
+    if (gpu->stream) cudaStreamSynchronize(gpu->stream);
+    if (gpu->page_locked) pliant_cuda_unlock_pages(gpu->parts.volume->voxels);
+    for (cudaEvent_t mark : gpu->marks)
+        if (mark) cudaEventDestroy(mark);
+    gpu_raster *raster = &gpu->raster;
+    const void *blocks[] = {raster->d_source, raster->d_volume, raster->d_count, raster->d_list, raster->d_dirty, raster->d_changed,
+                            raster->d_longest, gpu->d_positions, gpu->d_crossing};
+    for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
+    release_body(raster);
+    free_next(gpu->spare);
+    pliant_cuda_fit_free(gpu->fit);
+    pliant_cuda_release_host(gpu->h_changed);
+    pliant_cuda_release_host(gpu->h_longest);
+    pliant_cuda_release_host(gpu->h_crossing);
+    pliant_cuda_pictures_free(&gpu->pictures);
+    if (gpu->stream) cudaStreamDestroy(gpu->stream);
+    cudaGetLastError();
+    pliant_free(gpu->stale);
+    pliant_free(gpu);
+}
+
+static pliant_status draw(pliant_cuda_warp *gpu, const double *d_positions, bool all, cudaStream_t stream)
+{
+    gpu_raster *raster = &gpu->raster;
+    raster->d_zone = gpu->fit ? pliant_cuda_fit_zone(gpu->fit) : nullptr;
+    CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[BEGUN], stream)));
+    if (gpu->fit) CUDA_TRY(pliant_cuda_fit_map(gpu->fit, d_positions, stream));
+    if (!gpu->fit || raster->d_zone) CUDA_TRY(pliant_cuda_cull(raster, d_positions, all || gpu->fit, stream));
+    CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[CULLED], stream)));
+    if (raster->d_zone) CUDA_TRY(pliant_cuda_fit_own(gpu->fit, raster, stream));
+    CUDA_TRY(gpu->fit ? pliant_cuda_fit_draw(gpu->fit, raster, stream) : pliant_cuda_rasterize(raster, gpu->crowded, stream));
+    CUDA_TRY(CUDA_CALL(cudaEventRecord(gpu->marks[DRAWN], stream)));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_changed, raster->d_changed, (size_t)raster->num_bricks, cudaMemcpyDeviceToHost, stream)));
+    return CUDA_CALL(cudaMemcpyAsync(gpu->h_longest, raster->d_longest, sizeof *gpu->h_longest, cudaMemcpyDeviceToHost, stream));
+}
+
+extern "C" pliant_status pliant_cuda_warp_enqueue(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    CUDA_TRY(draw(gpu, d_positions, !gpu->drawn, stream));
+    gpu->drawn = true;
+    return PLIANT_OK;
+}
+
+static pliant_status lengthen(gpu_raster *raster, int32_t longest, cudaStream_t stream)
+{
+    const int32_t capacity = longest + longest / 4;
+    const size_t count = (size_t)raster->num_bricks * (size_t)capacity;
+    int32_t *d_list;
+    CUDA_TRY(allocate(count, &d_list));
+    pliant_cuda_release(raster->d_list);
+    raster->d_list = d_list;
+    raster->capacity = capacity;
+    return CUDA_CALL(cudaMemsetAsync(d_list, 0, count * sizeof *d_list, stream));
+}
+
+/* bricks that more tetrahedra touch than the lists hold, or than the usual kernel can draw, were left as they were */
+static pliant_status draw_again(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    gpu->drawn = false; /* should this fail, all is to be drawn anew */
+    gpu->crowded = *gpu->h_longest > pliant_cuda_longest_usual();
+    if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(&gpu->raster, *gpu->h_longest, stream));
+    CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
+    memset(gpu->h_changed, 1, (size_t)gpu->raster.num_bricks); /* the first time may have changed what this one did not */
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_warp_finish(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
+{
+    const int32_t *bricks = gpu->raster.grid.bricks;
+    if (*gpu->h_longest > gpu->raster.capacity || (!gpu->crowded && *gpu->h_longest > pliant_cuda_longest_usual()))
+        CUDA_TRY(draw_again(gpu, d_positions, stream));
+    float cull = 0, rasterize = 0;
+    CUDA_TRY(CUDA_CALL(cudaEventElapsedTime(&cull, gpu->marks[BEGUN], gpu->marks[CULLED])));
+    CUDA_TRY(CUDA_CALL(cudaEventElapsedTime(&rasterize, gpu->marks[CULLED], gpu->marks[DRAWN])));
+    gpu->parts.seconds[0] = 1e-3 * cull;
+    gpu->parts.seconds[1] = 1e-3 * rasterize;
+    memcpy(gpu->parts.changed, gpu->h_changed, (size_t)gpu->raster.num_bricks);
+    const size_t slab = (size_t)bricks[0] * (size_t)bricks[1];
+    for (int32_t k = 0; k < bricks[2]; k++) gpu->stale[k] |= memchr(gpu->h_changed + slab * (size_t)k, 1, slab) != nullptr;
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const double *positions)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    const size_t bytes = 3 * (size_t)gpu->parts.mesh->num_nodes * sizeof *positions;
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_positions, positions, bytes, cudaMemcpyHostToDevice, gpu->stream)));
+    CUDA_TRY(pliant_cuda_warp_enqueue(gpu, gpu->d_positions, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    return pliant_cuda_warp_finish(gpu, gpu->d_positions, gpu->stream);
+}
+
+/* Slabs of bricks along k lie together in memory: each run of stale ones is one copy. */
+extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
+{
+    const raster_grid *grid = &gpu->raster.grid;
+    const int32_t slabs = grid->bricks[2];
+    const size_t slice = gpu->volume_bytes / (size_t)grid->target.size[2];
+    bool any = false;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    for (int32_t first = 0, end; first < slabs; first = end + 1) {
+        while (first < slabs && !gpu->stale[first]) first++;
+        for (end = first; end < slabs && gpu->stale[end];) end++;
+        if (first == slabs) break;
+        size_t begin = slice * (size_t)first * BRICK, stop = slice * (size_t)end * BRICK;
+        stop = stop < gpu->volume_bytes ? stop : gpu->volume_bytes;
+        CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(static_cast<char *>(gpu->parts.volume->voxels) + begin, static_cast<char *>(gpu->raster.d_volume) + begin,
+                                           stop - begin, cudaMemcpyDeviceToHost, gpu->stream)));
+        any = true;
+    }
+    if (!any) return PLIANT_OK;
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    memset(gpu->stale, 0, (size_t)slabs);
+    return PLIANT_OK;
+}
+
+extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const march_ray *ray, int64_t first, march_crossing *out)
+{
+    const pliant_volume *volume = gpu->parts.volume;
+    const march_voxels voxels = {gpu->raster.d_volume, volume->encoding, volume->slope, volume->intercept};
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    CUDA_TRY(pliant_cuda_cross(&voxels, ray, first, gpu->d_crossing, gpu->stream));
+    CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_crossing, gpu->d_crossing, sizeof *gpu->h_crossing, cudaMemcpyDeviceToHost, gpu->stream)));
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
+    *out = *gpu->h_crossing;
+    return PLIANT_OK;
+}
+
+/* labels: drawn on a stream of their own, which their update has waited for */
+static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given, const render_output *out)
+{
+    render_scene scene = *given;
+    scene.voxels = gpu->raster.d_volume;
+    scene.labels = labels ? static_cast<const uint8_t *>(labels->raster.d_volume) : nullptr;
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    return pliant_cuda_see(&gpu->pictures, &scene, out, gpu->stream);
+}
+
+/* ---- another body */
+
+struct cuda_next {
+    pliant_cuda_warp *of;
+    pliant_warp_parts parts;
+    gpu_raster raster;         /* what is of a body */
+    body_room room;
+    double *d_positions;
+    pliant_cuda_fit *fit;
+    int32_t *d_gone, *d_from, *d_anew;
+    size_t gone_room, from_room, anew_room;
+    int32_t num_gone;
+};
+
+static void free_next(cuda_next *next)
+{
+    if (!next) return;
+    release_body(&next->raster);
+    pliant_cuda_release(next->d_positions);
+    pliant_cuda_release(next->d_gone);
+    pliant_cuda_release(next->d_from);
+    pliant_cuda_release(next->d_anew);
+    pliant_free(next);
+}
+
+/* What it has is the spare of the one after. */
+static void drop_next(cuda_next *next)
+{
+    if (!next) return;
+    pliant_cuda_fit_free(next->fit);
+    next->fit = nullptr;
+    if (next->of->spare) free_next(next);
+    else next->of->spare = next;
+}
+
+static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_t stream, int32_t **d_out, size_t *room)
+{
+    void *d_block = *d_out;
+    CUDA_TRY(pliant_cuda_ensure(((size_t)count + 1) * sizeof *h_from, true, "the mesh to draw", &d_block, room));
+    *d_out = static_cast<int32_t *>(d_block);
+    return count == 0 ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from, cudaMemcpyHostToDevice, stream));
+}
+
+/* The elements of the next body as they were drawn; what was drawn before is only read. */
+static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
+{
+    const known_body known = {&gpu->raster, &gpu->parts, changes};
+    CUDA_TRY(fill_body(&next->parts, &known, gpu->stream, &next->raster, &next->room));
+    CUDA_TRY(send_list(changes->gone, changes->num_gone, gpu->stream, &next->d_gone, &next->gone_room));
+    CUDA_TRY(send_list(changes->from, changes->now - changes->common, gpu->stream, &next->d_from, &next->from_room));
+    CUDA_TRY(send_list(changes->anew, changes->num_anew, gpu->stream, &next->d_anew, &next->anew_room));
+    next->num_gone = changes->num_gone;
+    CUDA_TRY(pliant_cuda_carry_elements(&gpu->raster, &next->raster, changes->common, next->d_from, changes->num_anew, next->d_anew, gpu->stream));
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
+{
+    const pliant_warp_parts *parts = &next->parts;
+    CUDA_TRY(room_for(3 * (size_t)parts->mesh->num_nodes, POSITIONS, &next->room, &next->d_positions));
+    if (!parts->fit) return carry(gpu, changes, next);
+    CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &next->fit));
+    if (!parts->parts) return PLIANT_OK;
+    CUDA_TRY(fill_lists(gpu));
+    CUDA_TRY(fill_body(parts, nullptr, gpu->stream, &next->raster, &next->room)); /* all is set up anew in every update */
+    return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
+}
+
+static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts *parts, const pliant_warp_changes *changes, cuda_next **out)
+{
+    CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
+    cuda_next *next = gpu->spare ? gpu->spare : static_cast<cuda_next *>(pliant_calloc(1, sizeof *next));
+    if (!next) return pliant_fail_memory("the warp");
+    gpu->spare = nullptr;
+    next->of = gpu;
+    next->parts = *parts;
+    next->room.grows = true;
+    next->raster.num_bricks = gpu->raster.num_bricks;
+    pliant_status status = fill_next(gpu, changes, next);
+    if (status != PLIANT_OK) {
+        drop_next(next);
+        return status;
+    }
+    next->parts.rest = NULL; /* is uploaded, and goes */
+    *out = next;
+    return PLIANT_OK;
+}
+
+template <class T> static void exchange(T *a, T *b)
+{
+    T other = *a;
+    *a = *b;
+    *b = other;
+}
+
+/* Where a kernel cannot be started any more, the next update draws all, or fails. */
+static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
+{
+    gpu_raster *old = &gpu->raster, *now = &next->raster;
+    if (gpu->drawn && !gpu->fit && (pliant_cuda_leave_bricks(old, next->num_gone, next->d_gone, gpu->stream) != PLIANT_OK ||
+                                    CUDA_CALL(cudaStreamSynchronize(gpu->stream)) != PLIANT_OK))
+        gpu->drawn = false;
+    gpu->parts = next->parts;
+    exchange(&old->num_tets, &now->num_tets);
+    exchange(&old->num_elements, &now->num_elements);
+    exchange(&old->d_tets, &now->d_tets);
+    exchange(&old->d_rest, &now->d_rest);
+    exchange(&old->d_fixed, &now->d_fixed);
+    exchange(&old->d_setup, &now->d_setup);
+    exchange(&old->d_guests, &now->d_guests);
+    exchange(&old->d_parted, &now->d_parted);
+    exchange(&old->parts, &now->parts);
+    exchange(&gpu->room, &next->room);
+    exchange(&gpu->d_positions, &next->d_positions);
+    exchange(&gpu->fit, &next->fit);
+}
+
+/* ---- the table */
+
+static pliant_status create_object(const pliant_warp_parts *parts, void **object)
+{
+    int device;
+    pliant_cuda_warp *made;
+    CUDA_TRY(pliant_cuda_current_device(&device));
+    CUDA_TRY(pliant_cuda_warp_create(parts, device, &made));
+    *object = made;
+    return PLIANT_OK;
+}
+
+static void free_object(void *object) { pliant_cuda_warp_free(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status update_object(void *object, const double *positions) { return pliant_cuda_warp_update(static_cast<pliant_cuda_warp *>(object), positions); }
+static pliant_status fetch_object(void *object) { return pliant_cuda_warp_fetch(static_cast<pliant_cuda_warp *>(object)); }
+static pliant_status cross_object(void *object, const march_ray *ray, int64_t first, march_crossing *out)
+{
+    return pliant_cuda_warp_cross(static_cast<pliant_cuda_warp *>(object), ray, first, out);
+}
+
+static pliant_status see_object(void *object, void *labels, const render_scene *scene, const render_output *out)
+{
+    return see(static_cast<pliant_cuda_warp *>(object), static_cast<pliant_cuda_warp *>(labels), scene, out);
+}
+
+static pliant_status prepare_object(void *object, const pliant_warp_parts *parts, const pliant_warp_changes *changes, void **next)
+{
+    cuda_next *made = NULL;
+    CUDA_TRY(prepare_next(static_cast<pliant_cuda_warp *>(object), parts, changes, &made));
+    *next = made;
+    return PLIANT_OK;
+}
+static void take_object(void *object, void *next) { take_next(static_cast<pliant_cuda_warp *>(object), static_cast<cuda_next *>(next)); }
+static void drop_object(void *next) { drop_next(static_cast<cuda_next *>(next)); }
+
+/* by name: C++14 has no designated initializers */
+static constexpr pliant_warp_device table()
+{
+    pliant_warp_device made{};
+    made.probe = pliant_cuda_text;
+    made.create = create_object;
+    made.free = free_object;
+    made.update = update_object;
+    made.fetch = fetch_object;
+    made.cross = cross_object;
+    made.see = see_object;
+    made.prepare = prepare_object;
+    made.take = take_object;
+    made.drop = drop_object;
+    return made;
+}
+const pliant_warp_device pliant_cuda_warp_device = table();
