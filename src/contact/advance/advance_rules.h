@@ -1,0 +1,121 @@
+/* Geometry of conservative advancement, shared by CPU and GPU: limits, times at which a bound reaches a limit, closest points. */
+#ifndef PLIANT_CONTACT_ADVANCE_RULES_H
+#define PLIANT_CONTACT_ADVANCE_RULES_H
+
+#include "base/inline.h"
+#include "contact/advance/advance.h"
+
+#include <math.h>
+
+PLIANT_INLINE double pliant_advance_dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+PLIANT_INLINE double pliant_advance_length(const double *a) { return sqrt(pliant_advance_dot(a, a)); }
+
+PLIANT_INLINE void pliant_advance_cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* How near a pair may come in a leg that it begins at a distance. */
+PLIANT_INLINE double pliant_advance_limit(const pliant_advance_rule *rule, double guard, double distance)
+{
+    return fmax(fmin(rule->keep * distance, rule->stop * guard), fmin(rule->floor * guard, distance - rule->slack));
+}
+
+/* The largest s for which distance + rate s - bend s^2 / 2 is not below 0 anywhere in [0, s]; bend >= 0. */
+PLIANT_INLINE double pliant_advance_time(double distance, double rate, double bend)
+{
+    if (distance < 0.0) return 0.0;
+    if (bend <= 0.0) return rate >= 0.0 ? (double)INFINITY : distance / -rate;
+    const double root = sqrt(rate * rate + 2.0 * bend * distance);
+    if (rate >= 0.0) return (rate + root) / bend;
+    return 2.0 * distance / (root - rate);
+}
+
+/* Closest points of two segments, as fractions of them (Ericson, Real-Time Collision Detection, 2005, 5.1.9). */
+PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[2][3], double *s, double *t)
+{
+    double d[3], e[3], r[3];
+    for (int i = 0; i < 3; i++) {
+        d[i] = p[1][i] - p[0][i];
+        e[i] = q[1][i] - q[0][i];
+        r[i] = p[0][i] - q[0][i];
+    }
+    const double a = pliant_advance_dot(d, d), b = pliant_advance_dot(d, e), c = pliant_advance_dot(d, r);
+    const double ee = pliant_advance_dot(e, e), f = pliant_advance_dot(e, r), area = a * ee - b * b;
+    *s = a > 0.0 ? (area > 1e-12 * a * ee ? fmin(fmax((b * f - c * ee) / area, 0.0), 1.0) : 0.5) : 0.0;
+    *t = ee > 0.0 ? (b * *s + f) / ee : 0.0;
+    if (ee > 0.0 && *t >= 0.0 && *t <= 1.0) return;
+    *t = *t > 1.0 ? 1.0 : 0.0;
+    *s = a > 0.0 ? fmin(fmax((b * *t - c) / a, 0.0), 1.0) : 0.0;
+}
+
+/* Weights of the point of a triangle that is closest to p (Ericson 5.1.5); of a triangle without area those of a point near it. */
+PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const double p[3], double weight[3])
+{
+    double ab[3], ac[3], ap[3], bp[3], cp[3];
+    for (int i = 0; i < 3; i++) {
+        ab[i] = corner[1][i] - corner[0][i];
+        ac[i] = corner[2][i] - corner[0][i];
+        ap[i] = p[i] - corner[0][i];
+        bp[i] = p[i] - corner[1][i];
+        cp[i] = p[i] - corner[2][i];
+    }
+    const double d1 = pliant_advance_dot(ab, ap), d2 = pliant_advance_dot(ac, ap), d3 = pliant_advance_dot(ab, bp), d4 = pliant_advance_dot(ac, bp);
+    const double d5 = pliant_advance_dot(ab, cp), d6 = pliant_advance_dot(ac, cp);
+    const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, whole = va + vb + vc;
+    double b = 0.0, c = 0.0;
+    if (d1 <= 0.0 && d2 <= 0.0) b = c = 0.0;
+    else if (d3 >= 0.0 && d4 <= d3) b = 1.0;
+    else if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) b = d1 > d3 ? d1 / (d1 - d3) : 0.0;
+    else if (d6 >= 0.0 && d5 <= d6) c = 1.0;
+    else if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) c = d2 > d6 ? d2 / (d2 - d6) : 0.0;
+    else if (va <= 0.0 && d4 >= d3 && d5 >= d6) {
+        const double sum = (d4 - d3) + (d5 - d6);
+        c = sum > 0.0 ? (d4 - d3) / sum : 0.0;
+        b = 1.0 - c;
+    } else if (whole > 0.0) {
+        b = vb / whole;
+        c = vc / whole;
+    }
+    weight[0] = 1.0 - b - c;
+    weight[1] = b;
+    weight[2] = c;
+}
+
+PLIANT_INLINE void pliant_advance_mix(const double corner[3][3], const double weight[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) out[i] = weight[0] * corner[0][i] + weight[1] * corner[1][i] + weight[2] * corner[2][i];
+}
+
+/* Weights of the point of a triangle that is closest to a segment, if the segment does not pass through the triangle. */
+PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const double end[2][3], double weight[3])
+{
+    double best = (double)INFINITY;
+    for (int k = 0; k < 5; k++) {
+        double trial[3] = {0.0, 0.0, 0.0}, place[3], apart[3], s, t;
+        if (k < 3) {
+            const int next = (k + 1) % 3;
+            double edge[2][3];
+            for (int i = 0; i < 3; i++) {
+                edge[0][i] = corner[k][i];
+                edge[1][i] = corner[next][i];
+            }
+            pliant_advance_segments((const double(*)[3])edge, end, &s, &t);
+            trial[k] = 1.0 - s;
+            trial[next] = s;
+        } else {
+            t = (double)(k - 3);
+            pliant_advance_on_triangle(corner, end[k - 3], trial);
+        }
+        pliant_advance_mix(corner, trial, place);
+        for (int i = 0; i < 3; i++) apart[i] = place[i] - end[0][i] - t * (end[1][i] - end[0][i]);
+        const double square = pliant_advance_dot(apart, apart);
+        if (!(square < best)) continue;
+        best = square;
+        for (int i = 0; i < 3; i++) weight[i] = trial[i];
+    }
+}
+
+#endif

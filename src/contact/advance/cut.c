@@ -1,0 +1,207 @@
+/* The smallest distance of a triangle from a convex part, by cutting planes (Kelley, The cutting-plane method for solving convex programs, J. SIAM 8:703,
+ * 1960): the signed distance is convex, so it lies above its tangent at each point. The best bound over the triangle by a few tangents is a matrix game
+ * of three columns, the corners. Its solution mixes tangents to one plane, and names the point at which the next tangent is taken. Each mixture is a
+ * valid bound, however far the search got. Spheres, capsules and half-spaces need one tangent. */
+#include "contact/advance/cut.h"
+
+#include "contact/advance/advance_rules.h"
+#include "contact/shapes/shapes.h"
+
+#include <string.h>
+
+enum { MOST_TANGENTS = 4, MOST_STEPS = 32 };
+static const double exact = 1e-3; /* of the distance */
+static const double tiny = 1e-13; /* [m] */
+
+typedef struct tangent {
+    double normal[3], point[3], value; /* value: at the point */
+    double at[3];                      /* at the corners */
+} tangent;
+
+/* How a game is played: weights of tangents, and of corners. */
+typedef struct mixture {
+    double tangent[MOST_TANGENTS], corner[3], value;
+} mixture;
+
+static void try_mixture(const tangent *of, int count, const mixture *trial, mixture *best)
+{
+    double value = INFINITY;
+    for (int c = 0; c < 3; c++) {
+        double sum = 0;
+        for (int k = 0; k < count; k++) sum += trial->tangent[k] * of[k].at[c];
+        value = fmin(value, sum);
+    }
+    if (!(value > best->value)) return;
+    *best = *trial;
+    best->value = value;
+}
+
+static void try_one(const tangent *of, int count, int i, mixture *best)
+{
+    mixture trial = {.tangent = {0}};
+    int lowest = 0;
+    for (int c = 1; c < 3; c++)
+        if (of[i].at[c] < of[i].at[lowest]) lowest = c;
+    trial.tangent[i] = trial.corner[lowest] = 1;
+    try_mixture(of, count, &trial, best);
+}
+
+/* two tangents that are equally high at two corners together */
+static void try_two(const tangent *of, int count, int i, int j, mixture *best)
+{
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3;
+        const double rise = of[i].at[b] - of[i].at[a], fall = of[j].at[a] - of[j].at[b], over = of[i].at[a] - of[j].at[a], under = of[j].at[b] - of[i].at[b];
+        mixture trial = {.tangent = {0}};
+        if (!(rise * fall > 0 && over * under > 0)) continue; /* otherwise one of them is the better one */
+        trial.tangent[i] = fall / (rise + fall);
+        trial.tangent[j] = rise / (rise + fall);
+        trial.corner[a] = under / (over + under);
+        trial.corner[b] = over / (over + under);
+        try_mixture(of, count, &trial, best);
+    }
+}
+
+/* weights that are all of one sign become positive, and 1 together */
+static bool normalize(double weight[3])
+{
+    const double sum = weight[0] + weight[1] + weight[2];
+    bool good = sum != 0;
+    for (int d = 0; d < 3 && good; d++) {
+        weight[d] /= sum;
+        good = weight[d] >= 0;
+    }
+    return good;
+}
+
+static void try_three(const tangent *of, int count, const int row[3], mixture *best)
+{
+    double columns[2][3], rows[2][3], tangents[3], corners[3];
+    mixture trial = {.tangent = {0}};
+    for (int n = 0; n < 2; n++)
+        for (int d = 0; d < 3; d++) {
+            columns[n][d] = of[row[d]].at[n + 1] - of[row[d]].at[0];
+            rows[n][d] = of[row[n + 1]].at[d] - of[row[0]].at[d];
+        }
+    pliant_advance_cross(columns[0], columns[1], tangents);
+    pliant_advance_cross(rows[0], rows[1], corners);
+    if (!normalize(tangents) || !normalize(corners)) return;
+    for (int d = 0; d < 3; d++) {
+        trial.tangent[row[d]] = tangents[d];
+        trial.corner[d] = corners[d];
+    }
+    try_mixture(of, count, &trial, best);
+}
+
+static mixture solve_game(const tangent *of, int count)
+{
+    mixture best = {.value = -INFINITY};
+    for (int i = 0; i < count; i++) {
+        try_one(of, count, i, &best);
+        for (int j = i + 1; j < count; j++) {
+            try_two(of, count, i, j, &best);
+            for (int k = j + 1; k < count; k++) {
+                const int row[3] = {i, j, k};
+                try_three(of, count, row, &best);
+            }
+        }
+    }
+    return best;
+}
+
+static tangent tangent_at(const pliant_part *core, const double corner[3][3], const double weight[3])
+{
+    tangent out;
+    pliant_advance_mix(corner, weight, out.point);
+    out.value = pliant_part_distance(core, out.point, out.normal);
+    for (int c = 0; c < 3; c++) {
+        double apart[3];
+        for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - out.point[d];
+        out.at[c] = out.value + pliant_advance_dot(out.normal, apart);
+    }
+    return out;
+}
+
+/* Distances behave like those from the closest point of the part, for a while. */
+static int begin_at(const pliant_part *core, const double corner[3][3], double weight[3])
+{
+    enum { ROUNDS = 2 };
+    const double ends[2][3] = {{core->from[0], core->from[1], core->from[2]}, {core->to[0], core->to[1], core->to[2]}};
+    if (core->kind == PLIANT_PART_SPHERE) pliant_advance_on_triangle(corner, core->from, weight);
+    if (core->kind == PLIANT_PART_CAPSULE) pliant_advance_near_segment(corner, ends, weight);
+    if (core->kind != PLIANT_PART_BOX && core->kind != PLIANT_PART_SOLID) return 0;
+    for (int round = 0; round < ROUNDS; round++) {
+        double point[3], normal[3];
+        pliant_advance_mix(corner, weight, point);
+        const double distance = pliant_part_distance(core, point, normal) + core->radius;
+        for (int d = 0; d < 3; d++) point[d] -= distance * normal[d];
+        if (distance <= 0) return round + 1;
+        pliant_advance_on_triangle(corner, point, weight);
+    }
+    return ROUNDS;
+}
+
+/* Where all corners are outside of what the radius is around, the plane holds for the unit normal, too: that body lies behind it. */
+static void sharpen(double radius, pliant_cut *out)
+{
+    const double length = pliant_advance_length(out->normal);
+    if (!(out->least + radius > 0 && length > 0)) return;
+    out->offset = (out->offset + radius) / length - radius;
+    out->least = (out->least + radius) / length - radius;
+    for (int d = 0; d < 3; d++) {
+        out->normal[d] /= length;
+        out->at[d] = (out->at[d] + radius) / length - radius;
+    }
+}
+
+static void mix_tangents(const tangent *of, int count, const double corner[3][3], const double weight[MOST_TANGENTS], double radius, pliant_cut *out)
+{
+    int main_one = 0;
+    for (int k = 1; k < count; k++)
+        if (weight[k] > weight[main_one]) main_one = k;
+    *out = (pliant_cut){.least = INFINITY};
+    memcpy(out->point, of[main_one].point, sizeof out->point);
+    for (int k = 0; k < count; k++) {
+        double apart[3];
+        for (int d = 0; d < 3; d++) {
+            apart[d] = out->point[d] - of[k].point[d];
+            out->normal[d] += weight[k] * of[k].normal[d];
+        }
+        out->offset += weight[k] * (of[k].value + pliant_advance_dot(of[k].normal, apart));
+    }
+    for (int c = 0; c < 3; c++) {
+        double apart[3];
+        for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - out->point[d];
+        out->at[c] = out->offset + pliant_advance_dot(out->normal, apart);
+        out->least = fmin(out->least, out->at[c]);
+    }
+    sharpen(radius, out);
+}
+
+int pliant_cut_find(const pliant_part *core, const double corner[3][3], double weight[3], pliant_cut *out)
+{
+    tangent of[MOST_TANGENTS];
+    mixture best = {.value = -INFINITY};
+    double lowest = INFINITY, trial[3];
+    int count = 0, distances = begin_at(core, corner, weight);
+    memcpy(trial, weight, sizeof trial);
+    for (int step = 0; step < MOST_STEPS; step++) {
+        const tangent one = tangent_at(core, corner, trial);
+        distances++;
+        if (one.value < lowest) {
+            lowest = one.value;
+            memcpy(weight, trial, sizeof trial);
+        }
+        if (count == MOST_TANGENTS) /* one of them has no part in the last mixture, which has three at most */
+            for (int k = count = 0; k < MOST_TANGENTS; k++)
+                if (best.tangent[k] > 0 && count < MOST_TANGENTS - 1) of[count++] = of[k];
+        of[count++] = one;
+        const double before = best.value;
+        best = solve_game(of, count);
+        mix_tangents(of, count, corner, best.tangent, core->radius, out);
+        if (lowest <= 0 || lowest - out->least <= exact * lowest + tiny || (step > MOST_TANGENTS && !(best.value > before))) break;
+        memcpy(trial, best.corner, sizeof trial);
+    }
+    out->least = fmin(out->least, lowest);
+    return distances;
+}

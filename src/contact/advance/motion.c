@@ -1,0 +1,151 @@
+#include "contact/advance/motion.h"
+
+#include "base/rotate.h"
+#include "contact/advance/advance_rules.h"
+#include "contact/shapes/solid.h"
+
+#include <math.h>
+#include <string.h>
+
+void pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t, pliant_tool_pose *out)
+{
+    const pliant_tool_pose begin = *from, end = *to;
+    if (t <= 0 || t >= 1) {
+        *out = t <= 0 ? begin : end;
+        return;
+    }
+    for (int d = 0; d < 3; d++) out->tip[d] = begin.tip[d] + t * (end.tip[d] - begin.tip[d]);
+    pliant_rotation_between(begin.rotation, end.rotation, t, out->rotation);
+    out->jaw = begin.jaw + t * (end.jaw - begin.jaw);
+}
+
+double pliant_advance_guard(const pliant_part *part, double smallest_cell)
+{
+    const double deepest = 2e-4, of_depth = 0.4, of_cell = 0.02;
+    return fmin(deepest, fmin(of_depth * pliant_part_depth(part), of_cell * smallest_cell));
+}
+
+/* The signed distance from the result is at most that from the part plus the guard, and equal to it around shapes without edges. */
+static pliant_part core_of(const pliant_part *part, double guard)
+{
+    pliant_part core = *part;
+    if (part->kind == PLIANT_PART_HALF_SPACE) {
+        const double size = pliant_advance_length(part->to);
+        for (int d = 0; d < 3; d++) core.from[d] -= guard * part->to[d] / size;
+        return core;
+    }
+    core.radius -= guard;
+    if (part->kind == PLIANT_PART_SOLID && !part->solid->convex) core.radius += part->solid->error;
+    if (part->kind == PLIANT_PART_BOX && core.radius < 0) {
+        for (int d = 0; d < 3; d++) {
+            core.from[d] -= core.radius;
+            core.to[d] += core.radius;
+        }
+        core.radius = 0;
+    }
+    return core;
+}
+
+/* Rotation vector of the shorter way between two rotations. */
+static void find_turn(const double from[4], const double to[4], double out[3])
+{
+    const double smallest = 1e-9; /* half angle below which pliant_rotation_between does not turn [rad] */
+    double sizes = 0, w = 0, cross[3];
+    for (int d = 0; d < 4; d++) w += from[d] * to[d];
+    for (int d = 0; d < 4; d++) sizes += from[d] * from[d];
+    pliant_advance_cross(from, to, cross);
+    for (int d = 0; d < 3; d++) out[d] = from[3] * to[d] - to[3] * from[d] + cross[d]; /* of to * conjugate(from) */
+    const double sine = pliant_advance_length(out), half = atan2(sine, fabs(w));
+    const double scale = sizes > 0 && half > smallest ? copysign(2 * half / sine, w) : 0;
+    for (int d = 0; d < 3; d++) out[d] *= scale;
+}
+
+/* Boxes at equal intervals; between two of them a point leaves its chord by at most bend / 8 times the interval's square. */
+static void find_box(pliant_advance_motion *motion)
+{
+    const double interval = 0.25; /* [rad] */
+    const int count = !motion->still ? 1 + (int)ceil((motion->turn + fabs(motion->jaw)) / interval) : 0;
+    for (int n = 0; n <= count; n++) {
+        pliant_advance_state state;
+        double low[3], high[3];
+        pliant_advance_motion_at(motion, count > 0 ? (double)n / count : 0, &state);
+        pliant_part_box(&motion->core, &state.pose, low, high);
+        for (int d = 0; d < 3; d++) {
+            motion->low[d] = n == 0 ? low[d] : fmin(motion->low[d], low[d]);
+            motion->high[d] = n == 0 ? high[d] : fmax(motion->high[d], high[d]);
+        }
+    }
+    for (int d = 0; count > 0 && d < 3; d++) {
+        motion->low[d] -= motion->bend / 8 / count / count;
+        motion->high[d] += motion->bend / 8 / count / count;
+    }
+}
+
+void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out)
+{
+    static const double origin[3] = {0, 0, 0};
+    *out = (pliant_advance_motion){.leg = leg, .still = still || !leg->shape, .core = core_of(leg->part, leg->guard)};
+    if (!out->still) {
+        const double size = pliant_advance_length(leg->shape->axis);
+        const double sign = leg->part->frame == PLIANT_FRAME_TIP || !(size > 0) ? 0 : leg->part->frame == PLIANT_FRAME_JAW_PLUS ? 0.5 : -0.5;
+        for (int d = 0; d < 3; d++) {
+            out->tip_rate[d] = leg->to.tip[d] - leg->from.tip[d];
+            out->axis[d] = size > 0 ? leg->shape->axis[d] / size : 0;
+        }
+        find_turn(leg->from.rotation, leg->to.rotation, out->turn_rate);
+        out->turn = pliant_advance_length(out->turn_rate);
+        out->jaw = sign * (leg->to.jaw - leg->from.jaw);
+        out->jaw_reach = pliant_part_reach(&out->core, leg->shape->joint);
+        out->reach = sign == 0 ? pliant_part_reach(&out->core, origin) : pliant_advance_length(leg->shape->joint) + out->jaw_reach;
+        out->bend = out->turn * out->turn * out->reach + fabs(out->jaw) * (2 * out->turn + fabs(out->jaw)) * out->jaw_reach;
+    }
+    find_box(out);
+}
+
+void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pliant_advance_state *out)
+{
+    static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const pliant_tool_shape *shape = motion->leg->shape;
+    pliant_tool_pose pose;
+    *out = (pliant_advance_state){.pose = {.place = {0}}};
+    memcpy(out->pose.rotation, identity, sizeof identity);
+    if (!shape) return;
+    pliant_tool_pose_between(&motion->leg->from, motion->still ? &motion->leg->from : &motion->leg->to, t, &pose);
+    pliant_part_pose(shape, motion->leg->part->frame, pose.tip, pose.rotation, pose.jaw, &out->pose);
+    memcpy(out->tip, pose.tip, sizeof out->tip);
+    pliant_rotate(pose.rotation, shape->joint, out->joint);
+    pliant_rotate(pose.rotation, motion->axis, out->axis);
+    for (int d = 0; d < 3; d++) out->joint[d] += out->tip[d];
+}
+
+void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3], double out[3])
+{
+    double from_tip[3], from_joint[3], by_tool[3], by_jaw[3];
+    for (int d = 0; d < 3; d++) {
+        from_tip[d] = x[d] - state->tip[d];
+        from_joint[d] = x[d] - state->joint[d];
+    }
+    pliant_advance_cross(motion->turn_rate, from_tip, by_tool);
+    pliant_advance_cross(state->axis, from_joint, by_jaw);
+    for (int d = 0; d < 3; d++) out[d] = motion->tip_rate[d] + by_tool[d] + motion->jaw * by_jaw[d];
+}
+
+/* With angular velocities w of the tool and j of the jaw: w x (w x r), 2 w x (j x q) and j x (j x q), r from the tip and q from the joint. The jaw
+ * moves r by at most |j| |q|. */
+double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3])
+{
+    const double jaw = fabs(motion->jaw);
+    double from_tip[3], from_joint[3], side[3];
+    for (int d = 0; d < 3; d++) {
+        from_tip[d] = x[d] - state->tip[d];
+        from_joint[d] = x[d] - state->joint[d];
+    }
+    pliant_advance_cross(motion->turn_rate, from_tip, side);
+    const double turn = motion->turn, joint = jaw > 0 ? pliant_advance_length(from_joint) : 0;
+    return turn * (pliant_advance_length(side) + turn * jaw * joint) + jaw * (2 * turn + jaw) * joint;
+}
+
+void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = motion->turn_rate[d] + motion->jaw * state->axis[d];
+}

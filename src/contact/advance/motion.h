@@ -1,0 +1,38 @@
+/* The motion of a part's core through a leg, and bounds of it. */
+#ifndef PLIANT_CONTACT_ADVANCE_MOTION_H
+#define PLIANT_CONTACT_ADVANCE_MOTION_H
+
+#include "contact/advance/advance.h"
+#include "contact/shapes/shapes.h"
+
+/* Vectors are in the scan's axes unless they say otherwise; rates are per leg. */
+typedef struct pliant_advance_motion {
+    const pliant_advance_part *leg;
+    bool still;               /* it stays in its first pose */
+    pliant_part core;         /* the part, smaller by the guard */
+    double tip_rate[3];       /* of the tip [m] */
+    double turn_rate[3];      /* rotation vector of the tool [rad] */
+    double turn, jaw;         /* length of turn_rate; rate of the part's frame about the joint, with its sign [rad] */
+    double axis[3];           /* of the joint, unit, in the tool's frame */
+    double reach, jaw_reach;  /* largest distance of a point of the core from the tip, from the joint [m] */
+    double bend;              /* largest acceleration of a point of the core [m] */
+    double low[3], high[3];   /* box around the core throughout the leg */
+} pliant_advance_motion;
+
+/* The part's state at one time. */
+typedef struct pliant_advance_state {
+    pliant_pose pose;
+    double tip[3], joint[3], axis[3];
+} pliant_advance_state;
+
+/* @param still the part stays in its first pose */
+void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out);
+void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pliant_advance_state *out);
+/* Velocity of the point of the part that lies at x. */
+void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3], double out[3]);
+/* Bound of that point's acceleration from now on. */
+double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3]);
+/* Angular velocity of the part. */
+void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3]);
+
+#endif

@@ -1,0 +1,215 @@
+/* Conservative advancement of one pair. Three bounds of the distance are tried, and the one that leads farthest counts:
+ * - a plane that turns with the part: the part stays behind it, so only the triangle's corners move through it. It follows a part that turns far
+ *   from its tip, and tissue that turns with the part;
+ * - a plane that keeps its direction: the corners stay before it, the part's own points behind it. It follows a part that turns about the place of
+ *   contact, or rolls;
+ * - the distance divided by the largest relative speed.
+ * Points of the part move on arcs. Over a time s an arc leaves its tangent by at most bend s^2 / 2 with bend its largest acceleration. */
+#include "contact/advance/pair.h"
+
+#include "contact/advance/advance_rules.h"
+#include "contact/advance/cut.h"
+#include "contact/shapes/solid.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MOST_ITERATIONS = 64 };
+static const double part_of_step = 0.999; /* rounding never leads beyond the bound */
+static const double near_limit = 0.02;    /* of the limit: a pair that is so near to it, and gains little, ends */
+static const double steepest = 1.7320508;  /* slope of a field between its points */
+static const double little = 1e-3, least_step = 1e-7;
+
+/* A pair at one time. */
+typedef struct moment {
+    const pliant_advance_motion *motion;
+    const pliant_advance_triangle *triangle;
+    pliant_advance_state state;
+    pliant_cut cut;
+    double left;              /* of the leg */
+    double limit;
+    double at[3][3];          /* corners */
+    double normal[3];         /* of the cut */
+    double point[3];          /* of the cut, as a point of the part */
+    double velocity[3];       /* of that point */
+} moment;
+
+void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to, pliant_advance_triangle *out)
+{
+    for (int c = 0; c < 3; c++)
+        for (int d = 0; d < 3; d++) {
+            out->from[c][d] = from[3 * (size_t)node[c] + (size_t)d];
+            out->rate[c][d] = to[3 * (size_t)node[c] + (size_t)d] - out->from[c][d];
+        }
+}
+
+static int look(moment *now, double t, double weight[3])
+{
+    double local[3][3];
+    now->left = 1 - t;
+    pliant_advance_motion_at(now->motion, t, &now->state);
+    for (int c = 0; c < 3; c++) {
+        for (int d = 0; d < 3; d++) now->at[c][d] = now->triangle->from[c][d] + t * now->triangle->rate[c][d];
+        pliant_pose_from(&now->state.pose, now->at[c], local[c]);
+    }
+    if (pliant_part_grain(&now->motion->core) > 0) {
+        now->cut = (pliant_cut){.least = pliant_face_minimum(&now->motion->core, (const double(*)[3])local, INFINITY, weight, now->normal)};
+        return 1;
+    }
+    const int distances = pliant_cut_find(&now->motion->core, (const double(*)[3])local, weight, &now->cut);
+    pliant_pose_turn(&now->state.pose, now->cut.normal, now->normal);
+    pliant_pose_to(&now->state.pose, now->cut.point, now->point);
+    pliant_advance_motion_velocity(now->motion, &now->state, now->point, now->velocity);
+    return distances;
+}
+
+/* ---- bounds */
+
+/* The direction of a capsule's plane need not follow its roll about its own axis. */
+static void find_turn(const moment *now, double out[3], double *speed, double *bend)
+{
+    const pliant_advance_motion *motion = now->motion;
+    const double turn = motion->turn, jaw = fabs(motion->jaw);
+    double local[3], axis[3], side[3];
+    pliant_advance_motion_turn(motion, &now->state, out);
+    *speed = turn + jaw;
+    *bend = *speed * *speed;
+    if (motion->core.kind != PLIANT_PART_CAPSULE) return;
+    for (int d = 0; d < 3; d++) local[d] = motion->core.to[d] - motion->core.from[d];
+    const double length = pliant_advance_length(local);
+    if (!(length > 0)) return;
+    for (int d = 0; d < 3; d++) local[d] /= length;
+    pliant_pose_turn(&now->state.pose, local, axis);
+    const double roll = pliant_advance_dot(out, axis);
+    pliant_advance_cross(out, axis, side);
+    for (int d = 0; d < 3; d++) out[d] -= roll * axis[d];
+    if (jaw > 0) { /* the roll is not constant: its rate, and that of the sum, are at most turn jaw */
+        *bend = 2 * turn * jaw + 2 * *speed * *speed;
+        return;
+    }
+    *speed = pliant_advance_length(side);
+    *bend = *speed * (fabs(roll) + *speed);
+}
+
+/* h = normal . (x - point) + offset of a corner, whose second derivative is normal''. (x - point) + 2 normal'. (x - point)' + normal . (x - point)'' */
+static double turning_plane(const moment *now)
+{
+    const double accelerated = pliant_advance_motion_bend(now->motion, &now->state, now->point);
+    double turn[3], normal_rate[3], speed, bend, step = now->left;
+    find_turn(now, turn, &speed, &bend);
+    pliant_advance_cross(turn, now->normal, normal_rate);
+    for (int c = 0; c < 3; c++) {
+        double apart[3], rate[3];
+        for (int d = 0; d < 3; d++) {
+            apart[d] = now->at[c][d] - now->point[d];
+            rate[d] = now->triangle->rate[c][d] - now->velocity[d];
+        }
+        const double slope = pliant_advance_dot(normal_rate, apart) + pliant_advance_dot(now->normal, rate);
+        const double length = pliant_advance_length(apart), fast = pliant_advance_length(rate);
+        double within = now->left, reached = 0;
+        for (int round = 0; round < 3 && reached < within && within > 0; round++) { /* over a shorter time the bound is sharper */
+            const double fastest = fast + accelerated * within;
+            const double curve = bend * (length + fastest * within) + 2 * speed * fastest + accelerated;
+            reached = fmax(reached, fmin(within, pliant_advance_time(now->cut.at[c] - now->limit, slope, curve)));
+            within = fmin(now->left, 2 * reached);
+        }
+        step = fmin(step, reached);
+    }
+    return step;
+}
+
+/* Points whose convex hull, grown by the core's radius, holds the core. */
+static int32_t count_points(const pliant_part *core)
+{
+    if (core->kind == PLIANT_PART_SPHERE) return 1;
+    if (core->kind == PLIANT_PART_CAPSULE) return 2;
+    return core->kind == PLIANT_PART_BOX ? 8 : core->kind == PLIANT_PART_SOLID && core->solid->convex ? core->solid->num_points : 0;
+}
+
+static void get_point(const pliant_part *core, int32_t k, double out[3])
+{
+    for (int d = 0; d < 3; d++) {
+        if (core->kind == PLIANT_PART_SOLID) out[d] = core->from[d] + core->solid->points[3 * (size_t)k + (size_t)d];
+        else out[d] = (core->kind == PLIANT_PART_CAPSULE ? k : core->kind == PLIANT_PART_BOX ? k >> d & 1 : 0) ? core->to[d] : core->from[d];
+    }
+}
+
+static double fixed_plane(const moment *now)
+{
+    const pliant_part *core = &now->motion->core;
+    const double size = pliant_advance_length(now->normal);
+    const int32_t count = size > 0 ? count_points(core) : 0;
+    double normal[3], height[3], rate[3], step = count > 0 ? now->left : 0;
+    for (int d = 0; d < 3 && count > 0; d++) normal[d] = now->normal[d] / size;
+    for (int c = 0; c < 3 && count > 0; c++) {
+        double apart[3];
+        for (int d = 0; d < 3; d++) apart[d] = now->at[c][d] - now->point[d];
+        height[c] = pliant_advance_dot(normal, apart) - core->radius - now->limit;
+        rate[c] = pliant_advance_dot(normal, now->triangle->rate[c]);
+    }
+    for (int32_t k = 0; k < count && step > 0; k++) {
+        double local[3], place[3], apart[3], velocity[3];
+        get_point(core, k, local);
+        pliant_pose_to(&now->state.pose, local, place);
+        pliant_advance_motion_velocity(now->motion, &now->state, place, velocity);
+        for (int d = 0; d < 3; d++) apart[d] = place[d] - now->point[d];
+        const double own = pliant_advance_dot(normal, apart), own_rate = pliant_advance_dot(normal, velocity);
+        const double bend = pliant_advance_motion_bend(now->motion, &now->state, place);
+        for (int c = 0; c < 3; c++) step = fmin(step, pliant_advance_time(height[c] - own, rate[c] - own_rate, bend));
+    }
+    return step;
+}
+
+static double by_speed(const moment *now)
+{
+    const pliant_advance_motion *motion = now->motion;
+    const double turning = motion->turn > 0 || motion->jaw != 0 ? motion->turn * motion->reach + fabs(motion->jaw) * motion->jaw_reach : 0;
+    double fastest = 0;
+    for (int c = 0; c < 3; c++) {
+        double rate[3];
+        for (int d = 0; d < 3; d++) rate[d] = now->triangle->rate[c][d] - motion->tip_rate[d];
+        fastest = fmax(fastest, pliant_advance_length(rate));
+    }
+    fastest += turning;
+    if (pliant_part_grain(&motion->core) > 0) fastest *= steepest;
+    return fastest > 0 ? fmin(now->left, (now->cut.least - now->limit) / fastest) : now->left;
+}
+
+/* ---- a leg */
+
+double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double weight[3], int64_t *distances)
+{
+    moment now = {.motion = motion, .triangle = triangle};
+    *distances += look(&now, t, weight);
+    return now.cut.least;
+}
+
+bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
+                              pliant_advance_pair *pair, int64_t *distances)
+{
+    moment now = {.motion = motion, .triangle = triangle};
+    *distances += look(&now, pair->t, pair->weight);
+    if (pair->iterations == 0) {
+        if (!(now.cut.least > 0)) {
+            pair->exempt = motion->leg->released;
+            pair->t = pair->exempt ? 1 : 0;
+            return true;
+        }
+        pair->limit = pliant_advance_limit(rule, motion->leg->guard, now.cut.least);
+    }
+    now.limit = pair->limit;
+    const double distance = now.cut.least - now.limit;
+    if (distance < 0) return true;
+    double step = by_speed(&now);
+    if (step < now.left && pliant_part_grain(&motion->core) == 0) {
+        step = fmax(step, turning_plane(&now));
+        if (step < now.left) step = fmax(step, fixed_plane(&now));
+    }
+    if (step >= now.left) {
+        pair->t = 1;
+        return true;
+    }
+    pair->t += part_of_step * step;
+    pair->iterations++;
+    return pair->iterations >= MOST_ITERATIONS || step < least_step || (distance < near_limit * now.limit && step < little);
+}

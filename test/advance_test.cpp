@@ -1,0 +1,330 @@
+// Cores never enter the surface: legs of random pairs against samples of the same motion, with distances found by other code.
+#include "contact/advance/advance.h"
+#include "contact/shapes/shapes.h"
+#include "pliant/memory.h"
+#include "solids.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdlib>
+#include <functional>
+#include <memory>
+#include <random>
+
+namespace {
+
+using Vector = std::array<double, 3>;
+using Corners = std::array<Vector, 3>;
+
+struct Advance {
+    pliant_advance *room = nullptr;
+    Advance() { EXPECT_EQ(pliant_advance_create(nullptr, &room), PLIANT_OK); }
+    ~Advance() { pliant_advance_free(room); }
+    Advance(const Advance &) = delete;
+    Advance &operator=(const Advance &) = delete;
+};
+
+struct Random {
+    std::mt19937_64 engine;
+    explicit Random(uint64_t seed) : engine(seed) {}
+    double operator()(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine); }
+    double wide(double low, double high) { return std::exp((*this)(std::log(low), std::log(high))); }
+    bool happens(double probability) { return (*this)(0, 1) < probability; }
+    Vector direction()
+    {
+        for (;;) {
+            const Vector v = {(*this)(-1, 1), (*this)(-1, 1), (*this)(-1, 1)};
+            const double size = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+            if (size > 0.1 && size < 1) return {v[0] / size, v[1] / size, v[2] / size};
+        }
+    }
+};
+
+void turn(const Vector &axis, double angle, double out[4])
+{
+    for (int d = 0; d < 3; d++) out[d] = std::sin(0.5 * angle) * axis[d];
+    out[3] = std::cos(0.5 * angle);
+}
+
+void multiply(const double a[4], const double b[4], double out[4])
+{
+    const double q[4] = {a[3] * b[0] + b[3] * a[0] + a[1] * b[2] - a[2] * b[1], a[3] * b[1] + b[3] * a[1] + a[2] * b[0] - a[0] * b[2],
+                         a[3] * b[2] + b[3] * a[2] + a[0] * b[1] - a[1] * b[0], a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]};
+    std::copy(q, q + 4, out);
+}
+
+// One triangle and one part through a leg.
+struct Leg {
+    pliant_part part{};
+    pliant_tool_shape shape{};
+    pliant_advance_part leg{};
+    Corners from{}, to{};
+
+    void finish(bool has_shape = true)
+    {
+        leg.part = &part;
+        leg.shape = has_shape ? &shape : nullptr;
+    }
+    pliant_pose pose(double t) const
+    {
+        pliant_pose out;
+        if (!leg.shape) {
+            const double rest[4] = {0, 0, 0, 1}, origin[3] = {0, 0, 0};
+            pliant_part_pose(&shape, PLIANT_FRAME_TIP, origin, rest, 0, &out);
+            return out;
+        }
+        // angle by angle, not by the function that is tested
+        double inverse[4], between[4], rotation[4], tip[3], w = 0;
+        for (int d = 0; d < 4; d++) inverse[d] = d < 3 ? -leg.from.rotation[d] : leg.from.rotation[d];
+        multiply(leg.to.rotation, inverse, between);
+        for (int d = 0; d < 3; d++) w += between[d] * between[d];
+        w = std::sqrt(w);
+        const double sign = between[3] < 0 ? -1 : 1, angle = 2 * std::atan2(w, sign * between[3]);
+        turn(w > 0 ? Vector{sign * between[0] / w, sign * between[1] / w, sign * between[2] / w} : Vector{0, 0, 0}, t * angle, between);
+        multiply(between, leg.from.rotation, rotation);
+        for (int d = 0; d < 3; d++) tip[d] = (1 - t) * leg.from.tip[d] + t * leg.to.tip[d];
+        pliant_part_pose(&shape, part.frame, tip, rotation, (1 - t) * leg.from.jaw + t * leg.to.jaw, &out);
+        return out;
+    }
+    Corners corners(double t) const
+    {
+        Corners out;
+        for (int c = 0; c < 3; c++)
+            for (int d = 0; d < 3; d++) out[c][d] = from[c][d] + t * (to[c][d] - from[c][d]);
+        return out;
+    }
+    // from the core, of a point in the part's frame
+    double point_distance(const double p[3]) const
+    {
+        const double g = leg.guard;
+        double normal[3], beyond[3], outside = 0, inside = -INFINITY;
+        if (part.kind != PLIANT_PART_BOX || part.radius >= g) return pliant_part_distance(&part, p, normal) + g;
+        for (int d = 0; d < 3; d++) {
+            const double inset = g - part.radius, low = part.from[d] + inset, high = part.to[d] - inset;
+            beyond[d] = std::max(low - p[d], p[d] - high);
+            outside += std::pow(std::max(beyond[d], 0.0), 2);
+            inside = std::max(inside, beyond[d]);
+        }
+        return inside > 0 ? std::sqrt(outside) : inside;
+    }
+    // by samples of the triangle, around the lowest of them again and again, since the distance is convex
+    double distance(double t) const
+    {
+        const pliant_pose at = pose(t);
+        const Corners world = corners(t);
+        double local[3][3], best[2] = {1.0 / 3, 1.0 / 3}, least = INFINITY;
+        for (int c = 0; c < 3; c++) pliant_pose_from(&at, world[c].data(), local[c]);
+        for (double size = 0.5; size > 1e-5; size *= 0.6) {
+            const double middle[2] = {best[0], best[1]};
+            for (int i = -2; i <= 2; i++)
+                for (int j = -2; j <= 2; j++) {
+                    double u = std::min(std::max(middle[0] + 0.5 * i * size, 0.0), 1.0), v = std::min(std::max(middle[1] + 0.5 * j * size, 0.0), 1.0), p[3];
+                    if (u + v > 1) {
+                        const double sum = u + v;
+                        u /= sum;
+                        v /= sum;
+                    }
+                    for (int d = 0; d < 3; d++) p[d] = (1 - u - v) * local[0][d] + u * local[1][d] + v * local[2][d];
+                    const double one = point_distance(p);
+                    if (!(one < least)) continue;
+                    least = one;
+                    best[0] = u;
+                    best[1] = v;
+                }
+        }
+        return least;
+    }
+    // the same by two nested ternary searches: slow, and sharp along edges of the part
+    double sharp_distance(double t) const
+    {
+        const pliant_pose at = pose(t);
+        const Corners world = corners(t);
+        double local[3][3];
+        for (int c = 0; c < 3; c++) pliant_pose_from(&at, world[c].data(), local[c]);
+        return lowest([&](double u) {
+            return lowest([&](double v) {
+                double p[3];
+                for (int d = 0; d < 3; d++) p[d] = (1 - u) * local[0][d] + u * ((1 - v) * local[1][d] + v * local[2][d]);
+                return point_distance(p);
+            });
+        });
+    }
+    template <typename Function> static double lowest(const Function &of)
+    {
+        double low = 0, high = 1, least = std::min(of(0), of(1));
+        for (int round = 0; round < 50; round++) {
+            const double a = low + (high - low) / 3, b = high - (high - low) / 3, at_a = of(a), at_b = of(b);
+            least = std::min(least, std::min(at_a, at_b));
+            (at_a < at_b ? high : low) = at_a < at_b ? b : a;
+        }
+        return least;
+    }
+    pliant_advance_result find(const Advance &with, int threads = 1) const
+    {
+        static const int32_t triangle[3] = {0, 1, 2};
+        pliant_advance_result out{};
+        EXPECT_EQ(pliant_advance_find(with.room, 1, triangle, from[0].data(), to[0].data(), 1, &leg, threads, &out), PLIANT_OK);
+        return out;
+    }
+    double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.02 * leg.guard, d)); }
+};
+
+pliant_solid *hull()
+{
+    static std::unique_ptr<pliant_solid, void (*)(const pliant_solid *)> made(nullptr, pliant_solid_release);
+    if (!made) {
+        Random random(7);
+        Surface points;
+        for (int n = 0; n < 12; n++) {
+            const Vector v = random.direction();
+            points.add(4e-3 * v[0], 2e-3 * v[1], 8e-3 * v[2]);
+        }
+        pliant_solid_options options{};
+        options.convex = true;
+        pliant_solid *solid = nullptr;
+        EXPECT_EQ(points.make(options, &solid), PLIANT_OK) << pliant_last_error();
+        made.reset(solid);
+    }
+    return made.get();
+}
+
+void choose_part(pliant_part_kind kind, Random &random, pliant_part &part)
+{
+    part.kind = kind;
+    part.frame = static_cast<pliant_part_frame>(static_cast<int>(random(0, 3)));
+    const double far = random.happens(0.3) ? 0.1 : 0.01;
+    for (int d = 0; d < 3; d++) part.from[d] = random(-far, far);
+    part.radius = random.wide(2e-4, 5e-3);
+    const Vector along = random.direction();
+    const double length = random.wide(1e-4, 0.1);
+    for (int d = 0; d < 3; d++) {
+        part.to[d] = part.from[d] + length * along[d];
+        if (kind == PLIANT_PART_BOX) part.to[d] = part.from[d] + random.wide(5e-4, 0.02);
+        if (kind == PLIANT_PART_HALF_SPACE) part.to[d] = along[d];
+    }
+    if (kind == PLIANT_PART_BOX || kind == PLIANT_PART_SOLID) part.radius = random.happens(0.5) ? 0 : random.wide(2e-5, 1e-3);
+    part.solid = kind == PLIANT_PART_SOLID ? hull() : nullptr;
+}
+
+void choose_motion(Random &random, Leg &out)
+{
+    const double way = random.happens(0.2) ? 0 : random.wide(1e-5, 0.03), angle = random.happens(0.3) ? 0 : random.wide(1e-4, 3);
+    const Vector to = random.direction(), about = random.direction(), first = random.direction(), axis = random.direction();
+    double by[4];
+    for (int d = 0; d < 3; d++) {
+        out.leg.from.tip[d] = random(-0.3, 0.3);
+        out.leg.to.tip[d] = out.leg.from.tip[d] + way * to[d];
+        out.shape.joint[d] = random(-0.01, 0.01);
+        out.shape.axis[d] = random(1, 2) * axis[d];
+    }
+    turn(first, random(0, 6), out.leg.from.rotation);
+    turn(about, angle, by);
+    multiply(by, out.leg.from.rotation, out.leg.to.rotation);
+    for (int d = 0; d < 4; d++) out.leg.to.rotation[d] *= random.happens(0.5) ? 1 : -1 > 0 ? 1 : 1;
+    out.leg.from.jaw = random(-0.3, 1);
+    out.leg.to.jaw = out.leg.from.jaw + (random.happens(0.5) ? 0 : random(-3, 3));
+}
+
+void choose_triangle(Random &random, Leg &out)
+{
+    const double size = random.wide(1e-4, 1e-2);
+    const pliant_pose start = out.pose(0), end = out.pose(1);
+    double local[3], middle[3];
+    pliant_part_centre(&out.part, local);
+    if (out.part.kind == PLIANT_PART_HALF_SPACE) std::copy(out.part.from, out.part.from + 3, local);
+    if (out.part.kind == PLIANT_PART_CAPSULE) {
+        const double share = random(-0.1, 1.1);
+        for (int d = 0; d < 3; d++) local[d] = out.part.from[d] + share * (out.part.to[d] - out.part.from[d]);
+    }
+    pliant_pose_to(&start, local, middle);
+    for (auto &corner : out.from) {
+        const Vector v = random.direction();
+        for (int d = 0; d < 3; d++) corner[d] = middle[d] + size * v[d];
+    }
+    if (random.happens(0.05)) out.from[1] = out.from[0];
+    if (random.happens(0.02)) out.from[2] = out.from[0];
+    if (random.happens(0.05)) // in a line
+        for (int d = 0; d < 3; d++) out.from[2][d] = out.from[0][d] + random(-1, 2) * (out.from[1][d] - out.from[0][d]);
+    // away from the part until it is as far as is wanted
+    const double wanted = random.wide(1e-6, 1e-2);
+    Vector away = random.direction();
+    if (out.part.kind == PLIANT_PART_HALF_SPACE)
+        for (int d = 0; d < 3; d++) away[d] = out.part.to[d];
+    const Corners first = out.from;
+    double near = 0, far = 0.3;
+    for (int round = 0; round < 60; round++) {
+        const double put = 0.5 * (near + far);
+        for (int c = 0; c < 3; c++)
+            for (int d = 0; d < 3; d++) out.from[c][d] = first[c][d] + put * away[d];
+        (out.distance(0) < wanted ? near : far) = put;
+    }
+    // with the part, or not, towards where it was, each corner by itself
+    const bool follows = random.happens(0.3);
+    const double way = random.happens(0.2) ? 0 : random.wide(1e-5, 0.03), own = random.happens(0.3) ? 0 : random.wide(1e-6, 0.01);
+    const Vector aside = random.direction();
+    for (int c = 0; c < 3; c++) {
+        const Vector by_itself = random.direction();
+        pliant_pose_from(&start, out.from[c].data(), local);
+        pliant_pose_to(&end, local, middle);
+        for (int d = 0; d < 3; d++)
+            out.to[c][d] = (follows ? middle[d] : out.from[c][d]) - way * away[d] + 0.5 * way * aside[d] + own * by_itself[d];
+    }
+}
+
+int count_of(int usual)
+{
+    const char *wanted = std::getenv("PLIANT_ADVANCE_LEGS"); // 1000000 for the whole check
+    return wanted ? std::atoi(wanted) : usual;
+}
+
+struct Outcome { int legs = 0, blocked = 0, early = 0; double iterations = 0; };
+
+// Legs of one kind of part. The claim is checked at every sample, and that the leg is not cut short for nothing.
+Outcome try_legs(pliant_part_kind kind, int count, uint64_t seed)
+{
+    enum { SAMPLES = 200 };
+    Random random(seed);
+    Advance advance;
+    Outcome outcome;
+    for (int n = 0; n < count && !testing::Test::HasFailure(); n++) {
+        Leg leg;
+        choose_part(kind, random, leg.part);
+        choose_motion(random, leg);
+        leg.leg.guard = pliant_advance_guard(&leg.part, random.wide(1e-3, 0.1));
+        leg.finish(kind != PLIANT_PART_HALF_SPACE);
+        choose_triangle(random, leg);
+        const double first = leg.sharp_distance(0), limit = leg.limit(first);
+        const pliant_advance_result found = leg.find(advance);
+        outcome.iterations += static_cast<double>(found.distances);
+        double blocked = INFINITY; // the time before the first sample that is too near
+        for (int s = 0; s <= SAMPLES; s++) {
+            const double t = static_cast<double>(s) / SAMPLES, distance = leg.distance(t);
+            if (t <= found.t) {
+                EXPECT_GT(distance, 0.999 * limit - 1e-9) << "leg " << n << " at " << t << " of " << found.t << " from " << first;
+                EXPECT_GT(distance, 0);
+            }
+            if (distance < limit && blocked == INFINITY) blocked = static_cast<double>(s - 1) / SAMPLES;
+        }
+        EXPECT_GT(leg.distance(found.t), 0.999 * limit - 1e-9) << "leg " << n;
+        outcome.legs++;
+        outcome.blocked += found.t < 1;
+        if (found.t < 0.98 * std::min(blocked, 1.0) - 1.0 / SAMPLES) outcome.early++;
+    }
+    return outcome;
+}
+
+class AdvanceKind : public testing::TestWithParam<pliant_part_kind> {};
+
+TEST_P(AdvanceKind, NeverComesNearerThanItsLimitNorStopsEarly)
+{
+    const Outcome outcome = try_legs(GetParam(), count_of(GetParam() == PLIANT_PART_SOLID ? 100 : 600), 11 + GetParam());
+    std::printf("kind %d: %d legs, %d blocked, %d early, %.1f distances a leg\n", GetParam(), outcome.legs, outcome.blocked, outcome.early, outcome.iterations / outcome.legs);
+    EXPECT_GT(outcome.blocked, outcome.legs / 10);
+    EXPECT_LT(outcome.blocked, outcome.legs);
+    EXPECT_LE(outcome.early, outcome.legs / 50);
+}
+
+INSTANTIATE_TEST_SUITE_P(Convex, AdvanceKind, testing::Values(PLIANT_PART_SPHERE, PLIANT_PART_CAPSULE, PLIANT_PART_BOX, PLIANT_PART_HALF_SPACE, PLIANT_PART_SOLID));
+
+} // namespace
