@@ -320,7 +320,7 @@ TEST(DicomSharedData, Jpeg2000Abdomen)
     pliant_labels labels = {};
     ASSERT_EQ(pliant_labels_read((path + "_labels.nii.gz").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
     EXPECT_FALSE(pliant_geometry_equal(&labels.geometry, &scan->geometry));
-    ASSERT_EQ(pliant_labels_reorder(&labels, &scan->geometry), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_labels_to_grid(&labels, &scan->geometry), PLIANT_OK) << pliant_last_error();
     double sum = 0, count = 0;
     for (size_t n = 0; n < pliant_geometry_voxels(&scan->geometry); n++) {
         if (labels.voxels[n] != 5) continue;

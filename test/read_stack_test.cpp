@@ -350,8 +350,8 @@ TEST(Objects, AreRefusedByNameWithARemedy)
     file.bits_allocated = file.bits_stored = 1;
     save(folder / "seg.dcm", file.bytes());
     expect_refused(folder / "seg.dcm", PLIANT_ERROR_FORMAT,
-                   {"seg.dcm", "DICOM segmentation (SEG)", "export it as NIfTI"});
-    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"seg.dcm", "DICOM segmentation (SEG)", "export it as NIfTI"});
+                   {"seg.dcm", "DICOM segmentation (SEG)", "material/labels", "export it as NIfTI"});
+    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"seg.dcm", "DICOM segmentation (SEG)", "material/labels", "export it as NIfTI"});
     unlink((folder / "seg.dcm").c_str());
 
     dicom_file contours;
@@ -359,8 +359,8 @@ TEST(Objects, AreRefusedByNameWithARemedy)
     contours.rows = contours.columns = 0;
     contours.pixels.clear();
     save(folder / "rs.dcm", contours.bytes());
-    expect_refused(folder / "rs.dcm", PLIANT_ERROR_FORMAT, {"rs.dcm", "RTSTRUCT", "export it as NIfTI"});
-    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"rs.dcm", "RTSTRUCT", "export it as NIfTI"});
+    expect_refused(folder / "rs.dcm", PLIANT_ERROR_FORMAT, {"rs.dcm", "RTSTRUCT", "3D Slicer", "plastimatch convert"});
+    expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"rs.dcm", "RTSTRUCT", "3D Slicer", "plastimatch convert"});
 
     for (uint16_t element : {8, 9}) {
         temporary_folder floats;

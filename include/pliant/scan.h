@@ -42,10 +42,22 @@ typedef struct pliant_volume {
     char id[128];           /**< name for people and messages: file name or "phantom" */
 } pliant_volume;
 
+/** A segment of a segmentation file (.seg.nrrd, DICOM SEG). Texts are UTF-8, cut to 63 bytes, "" where the file has none. */
+typedef struct pliant_label_segment {
+    uint16_t label;       /**< in the label map */
+    uint16_t value;       /**< in the file: SegmentN_LabelValue, SegmentNumber. It differs from label if layers repeat values */
+    char name[64];        /**< SegmentN_Name, SegmentLabel */
+    char identifier[64];  /**< SegmentN_ID */
+    char terminology[64]; /**< type and modifier of the terminology entry; meaning of the property type in DICOM SEG */
+    float color[3];       /**< red, green, blue, 0 .. 1; negative where the file has none */
+} pliant_label_segment;
+
 /** Label map on the grid of its scan; 0 is "no label". */
 typedef struct pliant_labels {
     pliant_geometry geometry;
     uint16_t *voxels; /**< owned; pliant_labels_free */
+    pliant_label_segment *segments; /**< owned; NULL for a label map without names */
+    uint32_t num_segments;
 } pliant_labels;
 
 /** Voxels of a grid; 0 when a size is below 1 or they are too many to be counted. */
@@ -85,12 +97,16 @@ PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, 
  *  Rounded slice positions, at most 0.1 mm or 5 % of the spacing from regular ones, are accepted with a warning.
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
 PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
-/** Read a label map: whole numbers in 0 .. 65535, to 1e-3 (scaled ones are rounded). A map without a label is read with a warning. */
+/** Read a label map: whole numbers in 0 .. 65535, to 1e-3 (scaled ones are rounded). A map without a label is read with a warning.
+ *  It has the format of a scan, or it is a segmentation. A segmentation is a .seg.nrrd of 3D Slicer with one or several layers, or a
+ *  DICOM SEG (a file, or a folder with one). Its labels are named by labels->segments. Where segments overlap the later one wins, with a warning. A label is the
+ *  value of the segment in the file if no two segments share a value, and its position in the file (from 1) otherwise. */
 PLIANT_API pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
-/** Put labels on the scan's grid, from which no corner is more than a quarter voxel away. Their axes may be turned. They may be cropped
- *  to a part of the scan, with a warning. No value changes. Errors (labels untouched): ARGUMENT (other grids, with what differs), MEMORY. */
-PLIANT_API pliant_status pliant_labels_reorder(pliant_labels *labels, const pliant_geometry *grid);
+/** Put labels on the grid of a scan: every voxel of the scan takes the nearest label, or none outside of the label map. Turned axes and
+ *  cropped maps change no label. If a corner lies more than 0.05 voxel from a voxel of the scan, a warning names the differences of the grids.
+ *  Errors (labels untouched): ARGUMENT (the label map misses the scan), MEMORY. */
+PLIANT_API pliant_status pliant_labels_to_grid(pliant_labels *labels, const pliant_geometry *grid);
 
 /** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them: UINT8
  *  and INT16 stay what they are, slope and intercept are applied otherwise. The file is complete or not there; one

@@ -152,7 +152,7 @@ pliant_status pliant_material_classify(const pliant_material_table *table, const
     if (labels && !labels->voxels) labels = NULL;
     if (labels && !pliant_geometry_equal(&scan->geometry, &labels->geometry))
         return pliant_fail(PLIANT_ERROR_FORMAT,
-                           "%s: the label map lies on another grid than the scan: pliant_labels_reorder puts it there, "
+                           "%s: the label map lies on another grid than the scan: pliant_labels_to_grid puts it there, "
                            "or says what differs",
                            scan->id[0] ? scan->id : "scan");
     lookup *l = pliant_calloc(1, sizeof *l);

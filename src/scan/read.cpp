@@ -23,18 +23,18 @@ void check_memory(const std::string &path, const image_header &header, bool labe
              memory_limit ? "the limit is" : "the machine has free", most / 1e6);
 }
 
-std::unique_ptr<image_source> open_source(const std::string &path, const char *series)
+std::unique_ptr<image_source> open_source(const std::string &path, const char *series, bool labels)
 {
     if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a multi-frame DICOM, NIfTI, NRRD or MetaImage file is needed");
     uint64_t bytes = file_size(path); /* fails when it is not there */
-    if (is_folder(path)) return open_dicom_folder(path, series);
+    if (is_folder(path)) return labels ? open_dicom_label_folder(path) : open_dicom_folder(path, series);
     if (bytes == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
 
     std::string name = lower_case(path), start = file_start(path, 8);
     if (start.compare(0, 4, "NRRD") == 0 || ends_with(name, ".nrrd") || ends_with(name, ".nhdr")) return open_nrrd(path);
     if (ends_with(name, ".mha") || ends_with(name, ".mhd")) return open_metaimage(path);
     if (is_nifti(path)) return open_nifti(path);
-    if (is_dicom_file(path) || ends_with(name, ".dcm")) return open_dicom_file(path);
+    if (is_dicom_file(path) || ends_with(name, ".dcm")) return labels ? open_dicom_label_file(path) : open_dicom_file(path);
     fail(PLIANT_ERROR_FORMAT, "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
          "MetaImage (.mha, .mhd) file is needed", path.c_str());
 }
@@ -62,9 +62,20 @@ void set_id(const std::string &path, char *id, size_t size)
     std::memcpy(id, name.data(), std::min(name.size(), size - 1));
 }
 
+/* Labels may be cropped to one slice, but a scan of one slice has no tetrahedra. */
+void check_scan(const std::string &path, const image_source &source)
+{
+    const int32_t *size = source.header.geometry.size;
+    if (!source.segments.empty())
+        fail(PLIANT_ERROR_FORMAT, "%s: is a segmentation, not a scan: give it as material/labels, with the scan on which it was drawn", path.c_str());
+    if (size[0] < 2 || size[1] < 2 || size[2] < 2)
+        fail(PLIANT_ERROR_FORMAT, "%s: a 2-D image (%d x %d x %d), a 3-D volume is needed", path.c_str(), size[0], size[1], size[2]);
+}
+
 pliant_volume read_volume(const std::string &path, const char *series, size_t memory_limit)
 {
-    std::unique_ptr<image_source> source = open_source(path, series);
+    std::unique_ptr<image_source> source = open_source(path, series, false);
+    check_scan(path, *source);
     check_memory(path, source->header, false, memory_limit);
     raw_voxels raw(source->header);
     source->read(raw.voxels);
@@ -83,14 +94,23 @@ pliant_volume read_volume(const std::string &path, const char *series, size_t me
 
 pliant_labels read_labels(const std::string &path, size_t memory_limit)
 {
-    std::unique_ptr<image_source> source = open_source(path, nullptr);
+    std::unique_ptr<image_source> source = open_source(path, nullptr, true);
     check_memory(path, source->header, true, memory_limit);
     raw_voxels raw(source->header);
     source->read(raw.voxels);
 
     pliant_labels labels = {};
     labels.geometry = source->header.geometry;
+    const std::vector<pliant_label_segment> &segments = source->segments;
+    std::unique_ptr<pliant_label_segment, void (*)(void *)> copy(nullptr, pliant_free);
+    if (!segments.empty()) {
+        copy.reset(static_cast<pliant_label_segment *>(pliant_calloc(segments.size(), sizeof segments[0])));
+        if (!copy) fail(PLIANT_ERROR_MEMORY, "%s: out of memory for its segments", path.c_str());
+        std::copy(segments.begin(), segments.end(), copy.get());
+    }
     labels.voxels = convert_labels(path, source->header, &raw.voxels);
+    labels.segments = copy.release();
+    labels.num_segments = static_cast<uint32_t>(segments.size());
     return labels;
 }
 

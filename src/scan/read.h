@@ -55,8 +55,9 @@ struct image_header {
 class image_source {
 public:
     image_header header;
+    std::vector<pliant_label_segment> segments; /* of a segmentation, whose voxels are their labels; empty for a scan */
     virtual ~image_source() = default;
-    /* Every voxel, i fastest, as header.type in the byte order of this machine. */
+    /* Every voxel, i fastest, as header.type in the byte order of this machine. The voxels must be zero before. */
     virtual void read(void *voxels) = 0;
 };
 
@@ -70,7 +71,7 @@ struct grid {
     double origin[3] = {0.0, 0.0, 0.0};
     double direction[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}; /* row-major, columns are the axes */
 };
-/* Checks that the grid is one regular 3-D grid, repairs rounding in the direction, converts to metres. */
+/* Checks that the grid is one regular 3-D grid, repairs rounding in the direction, converts to metres. A size may be 1. */
 pliant_geometry checked_geometry(const std::string &path, const grid &grid);
 /* Voxels of a checked geometry; a double, since a hostile header may ask for more than can be counted. */
 double voxel_count(const pliant_geometry &geometry);
@@ -129,6 +130,9 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path);
 std::unique_ptr<image_source> open_nrrd(const std::string &path);
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series);
 std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* of several frames */
+/* The same for labels: a DICOM segmentation if there is one. */
+std::unique_ptr<image_source> open_dicom_label_folder(const std::string &path);
+std::unique_ptr<image_source> open_dicom_label_file(const std::string &path);
 bool is_nifti(const std::string &path);
 bool is_dicom_file(const std::string &path);
 

@@ -42,20 +42,9 @@ enum : uint32_t {
     DOUBLE_PIXELS = 0x7fe00009
 };
 
-/* Of a frame (from 0) by what its functional groups or the file say; empty when missing. */
-std::vector<double> numbers_of(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what)
-{
-    std::string text = file.text_of_frame(frame, tag);
-    std::vector<double> numbers;
-    if (text.empty()) return numbers;
-    if (!parse_numbers(text, '\\', &numbers) || numbers.size() != count)
-        fail(PLIANT_ERROR_FORMAT, "%s: %s is \"%.80s\", %zu numbers are needed", name.c_str(), what, text.c_str(), count);
-    return numbers;
-}
-
 double number_of(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, const char *what, double otherwise)
 {
-    std::vector<double> numbers = numbers_of(name, file, frame, tag, 1, what);
+    std::vector<double> numbers = numbers_of_frame(name, file, frame, tag, 1, what);
     return numbers.empty() ? otherwise : numbers[0];
 }
 
@@ -137,20 +126,6 @@ bool is_image_class(const std::string &uid)
     return false;
 }
 
-/* How many frames there are, by what the file says and by what it holds. */
-size_t frames_of(const std::string &path, const dicom_file &file)
-{
-    double told = number_of(path, file, SIZE_MAX, FRAMES, "NumberOfFrames", 1);
-    size_t grouped = file.frames.size();
-    if (!(told >= 1.0) || told != std::floor(told)) fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
-    if (grouped == 0 && told > 1.0)
-        fail(PLIANT_ERROR_FORMAT, "%s: %.0f frames in one DICOM file, and no functional groups that tell their places: export it as enhanced CT or MR, as a "
-             "series of single images, or as NIfTI", path.c_str(), told);
-    if (grouped > 0 && told != static_cast<double>(grouped))
-        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items", path.c_str(), told, grouped);
-    return static_cast<size_t>(told);
-}
-
 /* What is the frame's own: where it lies, what its numbers mean, where they are. */
 void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_file::part> &parts, dicom_slice *slice)
 {
@@ -162,9 +137,9 @@ void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_fi
     pixels.has_rescale = !file.text_of_frame(frame, INTERCEPT).empty();
     if (pixels.slope == 0.0) fail(PLIANT_ERROR_FORMAT, "%s: RescaleSlope is 0", place.c_str());
     slice->inverted = is_turned_round(file, frame);
-    slice->position = numbers_of(place, file, frame, POSITION, 3, "ImagePositionPatient");
-    slice->orientation = numbers_of(place, file, frame, ORIENTATION, 6, "ImageOrientationPatient");
-    slice->spacing = numbers_of(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
+    slice->position = numbers_of_frame(place, file, frame, POSITION, 3, "ImagePositionPatient");
+    slice->orientation = numbers_of_frame(place, file, frame, ORIENTATION, 6, "ImageOrientationPatient");
+    slice->spacing = numbers_of_frame(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
 }
 
 /* Return whether a file can be no slice of a stack: a picture in colour, a film without places, a segmentation. */
@@ -326,6 +301,29 @@ std::unique_ptr<image_source> open_dicom_file(const std::string &path)
     if (!slices.front().problem.empty()) fail(PLIANT_ERROR_FORMAT, "%s", slices.front().problem.c_str());
     if (slices.size() == 1) fail(PLIANT_ERROR_FORMAT, "%s: one DICOM slice is a 2-D image: name the folder that holds its series", path.c_str());
     return open_series(path, std::move(slices));
+}
+
+std::unique_ptr<image_source> open_dicom_label_file(const std::string &path)
+{
+    dicom_file file;
+    if (!read_dicom_file(path, &file) || !is_segmentation_object(file.text(CLASS))) return open_dicom_file(path);
+    return open_dicom_segments(path, file);
+}
+
+/* The only segmentation in a folder; otherwise the folder holds the slices of a label map. */
+std::unique_ptr<image_source> open_dicom_label_folder(const std::string &folder)
+{
+    bool has_folders;
+    std::string found, several;
+    for (const std::string &path : files_in(folder, &has_folders)) {
+        dicom_file file;
+        if (file_size(path) == 0 || !read_dicom_file(path, &file) || !is_segmentation_object(file.text(CLASS))) continue;
+        several += (several.empty() ? "" : ", ") + path;
+        if (!found.empty())
+            fail(PLIANT_ERROR_FORMAT, "%s: holds several DICOM segmentations (%s): name the file of one", folder.c_str(), several.c_str());
+        found = path;
+    }
+    return found.empty() ? open_dicom_folder(folder, nullptr) : open_dicom_label_file(found);
 }
 
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series)

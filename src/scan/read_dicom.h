@@ -19,6 +19,7 @@ struct dicom_file {
     elements values;
     elements shared;              /* of all frames: places, spacing and scale, those of their functional groups that matter */
     std::vector<elements> frames; /* and of each; empty where the file has no functional groups */
+    std::vector<elements> segments; /* items of SegmentSequence, with the meaning of their property type */
     bool has_pixels = false, compressed = false;
     part pixels = {0, 0};         /* not compressed */
     part offset_table = {0, 0};   /* compressed: of the frames, may be empty */
@@ -56,6 +57,11 @@ struct dicom_pixels {
     }
 };
 
+/* Return the numbers of an element of a frame (from 0), from its functional groups or the file; empty when missing. Fails with FORMAT. */
+std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what);
+/* Return the number of frames, on which header and functional groups must agree. Fails with FORMAT. */
+size_t frames_of(const std::string &path, const dicom_file &file);
+
 /* The parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */
 std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes);
 
@@ -70,6 +76,11 @@ std::string refused_compression(const std::string &transfer_syntax);
 /* Return the description of an object without a readable image, by its SOP class, with the remedy; "" for all other
  * classes. */
 std::string refused_object(const std::string &sop_class);
+
+/* True for the SOP classes of segmentations: SEG and label map segmentation. */
+bool is_segmentation_object(const std::string &sop_class);
+/* The reader of a DICOM segmentation. Fails with FORMAT. */
+std::unique_ptr<image_source> open_dicom_segments(const std::string &path, const dicom_file &file);
 
 /* One image: a file, or a frame of one. */
 struct dicom_slice {

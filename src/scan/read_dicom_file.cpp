@@ -3,6 +3,7 @@
 #include "scan/read_dicom.h"
 
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 
 namespace pliant_read {
@@ -17,19 +18,43 @@ enum : uint32_t {
     TRANSFER_SYNTAX = 0x00020010,
     SHARED_GROUPS = 0x52009229,
     FRAME_GROUPS = 0x52009230,
+    SEGMENTS = 0x00620002,
+    NUMBER_OF_FRAMES = 0x00280008,
     PIXEL_DATA = 0x7fe00010
 };
 
-/* Of a functional group: the sequences in which they stand, and what is kept of them. */
+/* These sequences in an item of a functional group or of a segment hold values that matter. */
 bool is_kept_group(uint32_t tag)
 {
-    return tag == 0x00209113 /* Plane Position */ || tag == 0x00209116 /* Plane Orientation */ || tag == 0x00289110 /* Pixel Measures */ ||
-           tag == 0x00289145 /* Pixel Value Transformation */;
+    switch (tag) {
+    case 0x00209113: /* Plane Position */
+    case 0x00209116: /* Plane Orientation */
+    case 0x00289110: /* Pixel Measures */
+    case 0x00289145: /* Pixel Value Transformation */
+    case 0x0062000a: /* Segment Identification */
+    case 0x0062000f: /* Segmented Property Type Code */ return true;
+    default: return false;
+    }
 }
+/* These values matter. */
 bool is_kept_value(uint32_t tag)
 {
-    return tag == 0x00200032 /* ImagePositionPatient */ || tag == 0x00200037 /* ImageOrientationPatient */ || tag == 0x00280030 /* PixelSpacing */ ||
-           tag == 0x00281052 /* RescaleIntercept */ || tag == 0x00281053 /* RescaleSlope */ || tag == 0x00281054 /* RescaleType */;
+    switch (tag) {
+    case 0x00080104: /* CodeMeaning */
+    case 0x00180050: /* SliceThickness */
+    case 0x00180088: /* SpacingBetweenSlices */
+    case 0x00200032: /* ImagePositionPatient */
+    case 0x00200037: /* ImageOrientationPatient */
+    case 0x00280030: /* PixelSpacing */
+    case 0x00281052: /* RescaleIntercept */
+    case 0x00281053: /* RescaleSlope */
+    case 0x00281054: /* RescaleType */
+    case 0x00620004: /* SegmentNumber */
+    case 0x00620005: /* SegmentLabel */
+    case 0x0062000b: /* ReferencedSegmentNumber */
+    case 0x0062000d: /* RecommendedDisplayCIELabValue */ return true;
+    default: return false;
+    }
 }
 
 struct element {
@@ -67,6 +92,7 @@ public:
             bool with_type = explicit_ && std::strcmp(e.type, "UN") != 0; /* an unknown sequence is implicit inside */
             if (e.tag == PIXEL_DATA) pixels(e);
             else if (e.tag == FRAME_GROUPS) functional_groups(e, with_type, &out_->frames);
+            else if (e.tag == SEGMENTS) functional_groups(e, with_type, &out_->segments);
             else if (e.tag == SHARED_GROUPS) {
                 std::vector<dicom_file::elements> groups;
                 functional_groups(e, with_type, &groups);
@@ -243,7 +269,7 @@ private:
     {
         const size_t most_frames = 100000;
         auto another = [&] {
-            if (out->size() == most_frames) damaged("more than 100000 frames");
+            if (out->size() == most_frames) damaged("more than 100000 frames or segments");
             out->emplace_back();
         };
         auto value = [&](const element &one, uint64_t) {
@@ -252,6 +278,7 @@ private:
         };
         auto group = [&](const element &one, uint64_t end) {
             if (is_kept_group(one.tag)) each(one, end, with_type && std::strcmp(one.type, "UN") != 0, [] {}, value);
+            else if (one.length != UNDEFINED && is_kept_value(one.tag)) value(one, end);
             else pass(one, 1, with_type);
         };
         each(e, size_, with_type, another, group);
@@ -298,6 +325,30 @@ std::string dicom_file::text_of_frame(size_t frame, uint32_t tag) const
     }
     auto all = shared.find(tag);
     return all == shared.end() ? text(tag) : trimmed(all->second);
+}
+
+std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what)
+{
+    std::string text = file.text_of_frame(frame, tag);
+    std::vector<double> numbers;
+    if (text.empty()) return numbers;
+    if (!parse_numbers(text, '\\', &numbers) || numbers.size() != count)
+        fail(PLIANT_ERROR_FORMAT, "%s: %s is \"%.80s\", %zu numbers are needed", name.c_str(), what, text.c_str(), count);
+    return numbers;
+}
+
+size_t frames_of(const std::string &path, const dicom_file &file)
+{
+    const std::vector<double> number = numbers_of_frame(path, file, SIZE_MAX, NUMBER_OF_FRAMES, 1, "NumberOfFrames");
+    const double told = number.empty() ? 1.0 : number[0];
+    size_t grouped = file.frames.size();
+    if (!(told >= 1.0) || told != std::floor(told)) fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %g", path.c_str(), told);
+    if (grouped == 0 && told > 1.0)
+        fail(PLIANT_ERROR_FORMAT, "%s: %.0f frames in one DICOM file, and no functional groups that tell their places: export it as enhanced CT or MR, as a "
+             "series of single images, or as NIfTI", path.c_str(), told);
+    if (grouped > 0 && told != static_cast<double>(grouped))
+        fail(PLIANT_ERROR_FORMAT, "%s: NumberOfFrames is %.0f, but its PerFrameFunctionalGroupsSequence has %zu items", path.c_str(), told, grouped);
+    return static_cast<size_t>(told);
 }
 
 bool read_dicom_file(const std::string &path, dicom_file *out)

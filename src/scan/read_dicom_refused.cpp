@@ -56,11 +56,23 @@ const char *const read_syntaxes[] = {"1.2.5",    "1.2.4.50", "1.2.4.51", "1.2.4.
                                      "1.2.4.55", "1.2.4.57", "1.2.4.70", "1.2.4.80", "1.2.4.81",
                                      "1.2.4.90", "1.2.4.91", "1.2.4.92", "1.2.4.93"};
 
-const named no_images[] = {{"5.1.4.1.1.66.4", "a DICOM segmentation (SEG)"},
-                           {"5.1.4.1.1.66.5", "a DICOM surface segmentation"},
-                           {"5.1.4.1.1.481.3", "a DICOM RT structure set (RTSTRUCT: contours, not voxels)"},
-                           {"5.1.4.1.1.66.1", "a DICOM spatial registration (REG)"},
-                           {"5.1.4.1.1.104.1", "a PDF document in DICOM"}};
+struct object {
+    const char *uid; /* behind the root */
+    const char *what, *remedy;
+};
+
+const char *const EXPORT = "is not supported: export it as NIfTI or NRRD on the grid of its scan (3D Slicer does, for example)";
+const char *const AS_LABELS = "is no scan: give it as material/labels, with the scan on which it was drawn, or export it as NIfTI or NRRD";
+const char *const CONTOURS =
+    "is not supported: load it with its CT in 3D Slicer (extension SlicerRT) and save the segmentation as .seg.nrrd, or run "
+    "plastimatch convert --input RTSTRUCT --referenced-ct CT_FOLDER --output-labelmap labels.nrrd";
+
+const object no_images[] = {{"5.1.4.1.1.66.4", "a DICOM segmentation (SEG)", AS_LABELS},
+                            {"5.1.4.1.1.66.7", "a DICOM label map segmentation (SEG)", AS_LABELS},
+                            {"5.1.4.1.1.66.5", "a DICOM surface segmentation", EXPORT},
+                            {"5.1.4.1.1.481.3", "a DICOM RT structure set (RTSTRUCT: contours, not voxels)", CONTOURS},
+                            {"5.1.4.1.1.66.1", "a DICOM spatial registration (REG)", EXPORT},
+                            {"5.1.4.1.1.104.1", "a PDF document in DICOM", EXPORT}};
 
 } // namespace
 
@@ -77,10 +89,14 @@ std::string refused_compression(const std::string &transfer_syntax)
 
 std::string refused_object(const std::string &sop_class)
 {
-    std::string name = name_in(sop_class, no_images, sizeof no_images / sizeof *no_images);
-    if (name.empty()) return "";
-    return name +
-           ", which is not supported: export it as NIfTI or NRRD on the grid of its scan (3D Slicer does, for example)";
+    for (const object &one : no_images)
+        if (sop_class == UID_ROOT + std::string(one.uid)) return std::string(one.what) + ", which " + one.remedy;
+    return "";
+}
+
+bool is_segmentation_object(const std::string &sop_class)
+{
+    return sop_class == UID_ROOT + std::string("5.1.4.1.1.66.4") || sop_class == UID_ROOT + std::string("5.1.4.1.1.66.7");
 }
 
 } // namespace pliant_read

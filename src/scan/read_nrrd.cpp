@@ -1,86 +1,16 @@
 /* NRRD (.nrrd, .nhdr with its data file): a text header of "field: value" lines up to an empty one
  * (http://teem.sourceforge.net/nrrd/format.html). Raw and gzip data.
  * Read here and not by ITK, which takes metres for millimetres and leaks what it has allocated when a file is broken. */
-#include "scan/read.h"
+#include "scan/read_nrrd.h"
 
 #include <cmath>
 #include <limits>
-#include <map>
-#include <sstream>
 
 namespace pliant_read {
 
 namespace {
 
-struct text_header {
-    std::string path;
-    std::map<std::string, std::string> fields; /* by name in lower case, blanks left out: "space origin" is "spaceorigin" */
-    std::string modality;                      /* of a "key:=value" line, as diffusion images and Slicer write it */
-    uint64_t bytes = 0;                        /* where attached data begin */
-
-    std::string text(const std::string &name) const
-    {
-        auto found = fields.find(name);
-        return found == fields.end() ? "" : found->second;
-    }
-    bool has(const std::string &name) const { return !text(name).empty(); }
-    /* count numbers; nan stands for an axis without */
-    std::vector<double> numbers(const std::string &name, size_t count) const
-    {
-        std::istringstream words(text(name));
-        std::vector<double> found, one;
-        for (std::string word; words >> word;) {
-            if (lower_case(word) == "nan") one.assign(1, std::numeric_limits<double>::quiet_NaN());
-            else if (!parse_numbers(word, ' ', &one)) one.clear();
-            if (one.size() != 1) break;
-            found.push_back(one[0]);
-        }
-        if (found.size() != count || !words.eof())
-            fail(PLIANT_ERROR_FORMAT, "%s: %s: %.100s: %zu numbers are needed", path.c_str(), name.c_str(), text(name).c_str(), count);
-        return found;
-    }
-    double whole(const std::string &name, double otherwise) const
-    {
-        if (!has(name)) return otherwise;
-        double value = numbers(name, 1)[0];
-        if (value != std::floor(value)) fail(PLIANT_ERROR_FORMAT, "%s: %s: %.40s: a whole number is needed", path.c_str(), name.c_str(), text(name).c_str());
-        return value;
-    }
-};
-
-text_header read_header(const std::string &path)
-{
-    const size_t longest = 1 << 20;
-    text_header header;
-    header.path = path;
-    std::string bytes = file_start(path, longest);
-    if (bytes.compare(mark_of(bytes), 4, "NRRD") != 0) fail(PLIANT_ERROR_FORMAT, "%s: not a NRRD file: it does not begin with NRRD", path.c_str());
-    size_t at = std::min(bytes.find('\n'), bytes.size() - 1) + 1;
-    while (at < bytes.size()) {
-        size_t end = bytes.find('\n', at);
-        bool whole_line = end != std::string::npos;
-        std::string line = trimmed(bytes.substr(at, whole_line ? end - at : end));
-        at = whole_line ? end + 1 : bytes.size();
-        header.bytes = at;
-        if (line.empty() && whole_line) return header;
-        size_t colon = line.find(": "), pair = line.find(":=");
-        if (line[0] == '#') continue;
-        if (pair != std::string::npos) { /* "key:=value" of whoever wrote it */
-            std::string key = lower_case(line.substr(0, pair));
-            if (key == "modality" || key == "dicom_0008_0060") header.modality = line.substr(pair + 2);
-            continue;
-        }
-        if (colon == std::string::npos) continue;
-        std::string name;
-        for (char c : lower_case(line.substr(0, colon)))
-            if (c != ' ') name += c;
-        header.fields[name] = trimmed(line.substr(colon + 2));
-    }
-    if (header.has("datafile") && !bytes.empty() && bytes.back() == '\n') return header; /* a header of its own may just end */
-    fail(PLIANT_ERROR_FORMAT, "%s: truncated: the header does not end with an empty line", path.c_str());
-}
-
-component component_of(const text_header &header)
+component component_of(const nrrd_header &header)
 {
     static const std::map<std::string, component> names = {
         {"signed char", component::int8}, {"int8", component::int8}, {"int8_t", component::int8},
@@ -103,7 +33,7 @@ component component_of(const text_header &header)
 }
 
 /* Millimetres per unit of the space. */
-double unit_in_millimetres(const text_header &header)
+double unit_in_millimetres(const nrrd_header &header)
 {
     std::string units = header.text("spaceunits");
     double scale = 0.0;
@@ -121,7 +51,7 @@ double unit_in_millimetres(const text_header &header)
 }
 
 /* "(1,0,0)"; false for "none" */
-bool parse_vector(const text_header &header, const std::string &word, double out[3])
+bool parse_vector(const nrrd_header &header, const std::string &word, double out[3])
 {
     std::vector<double> numbers;
     if (lower_case(word) == "none") return false;
@@ -146,7 +76,7 @@ std::vector<std::string> vector_words(const std::string &text)
 }
 
 /* Signs that take the space to LPS. */
-void space_signs(const text_header &header, double sign[3])
+void space_signs(const nrrd_header &header, double sign[3])
 {
     std::string space = lower_case(header.text("space"));
     sign[0] = sign[1] = sign[2] = 1.0;
@@ -156,7 +86,7 @@ void space_signs(const text_header &header, double sign[3])
         pliant_log(PLIANT_LOG_WARNING, "%s: space: \"%s\" is no patient space; left-posterior-superior is taken", header.path.c_str(), space.c_str());
 }
 
-[[noreturn]] void refuse_channels(const text_header &header, double count, const std::string &kind)
+[[noreturn]] void refuse_channels(const nrrd_header &header, double count, const std::string &kind)
 {
     if (kind.empty() || kind == "domain" || kind == "space" || kind == "time" || kind == "list")
         fail(PLIANT_ERROR_FORMAT, "%s: 4 dimensions (sizes: %.80s), one 3-D volume is needed: write one time point or channel to a file of its own",
@@ -170,7 +100,7 @@ struct scalar_axes {
     std::vector<std::string> centers;
 };
 
-scalar_axes read_scalar_axes(const text_header &header, size_t n)
+scalar_axes read_scalar_axes(const nrrd_header &header, size_t n)
 {
     scalar_axes axes;
     if (header.has("spacings")) axes.spacings = header.numbers("spacings", n);
@@ -195,8 +125,8 @@ void place_axis(const scalar_axes &axes, size_t axis, double size, double unit, 
     if (std::isfinite(min)) grid->origin[d] = unit * (node ? min : min + 0.5 * spacing);
 }
 
-/* Axes that lie in space, without those of size 1 that do not. */
-grid read_grid(const text_header &header)
+/* Return the axes that lie in space. Other axes must have size 1, except for the layers of a segmentation. @param layers Nullable: no segmentation */
+grid read_grid(const nrrd_header &header, nrrd_layers *layers)
 {
     double dimensions = header.whole("dimension", 0);
     if (!(dimensions >= 1 && dimensions <= 16)) fail(PLIANT_ERROR_FORMAT, "%s: dimension: %.20s: 3 is needed", header.path.c_str(), header.text("dimension").c_str());
@@ -219,7 +149,13 @@ grid read_grid(const text_header &header)
         std::string kind = axis < kinds.size() ? kinds[axis] : "";
         double vector[3] = {0.0, 0.0, 0.0};
         bool in_space = directions.empty() ? kind.empty() || kind == "domain" || kind == "space" : parse_vector(header, directions[axis], vector);
+        if (layers && (kind == "list" || kind == "vector")) in_space = false;
         if (!in_space && sizes[axis] == 1.0) continue;
+        if (!in_space && layers && layers->count == 1 && sizes[axis] > 0.0) {
+            layers->count = static_cast<size_t>(sizes[axis]);
+            for (size_t before = 0; before < axis; before++) layers->below *= static_cast<size_t>(std::fmax(sizes[before], 0.0));
+            continue;
+        }
         if (!in_space) refuse_channels(header, sizes[axis], kind);
         size_t d = grid.size.size();
         grid.size.push_back(static_cast<int64_t>(sizes[axis]));
@@ -240,16 +176,9 @@ grid read_grid(const text_header &header)
 
 class nrrd_source : public image_source {
 public:
-    std::string data_path;
-    uint64_t offset = 0, skip = 0; /* in the file; in the data, after decompression */
-    bool compressed = false, swap = false;
+    nrrd_data data;
 
-    void read(void *voxels) override
-    {
-        byte_stream stream(data_path, offset + (compressed ? 0 : skip), compressed ? byte_stream::packing::deflate : byte_stream::packing::none);
-        if (compressed) stream.skip(skip, "the bytes in front of the voxels");
-        read_voxels(stream, header, swap, voxels);
-    }
+    void read(void *voxels) override { read_voxels(*data.open(), header, data.swap, voxels); }
 };
 
 /* What went into a gzip file, modulo 2^32: its last four bytes (RFC 1952). */
@@ -273,12 +202,12 @@ uint64_t after_lines(const std::string &path, uint64_t offset, double lines)
 }
 
 /* Where the voxels are. */
-void locate_data(const text_header &header, double data_bytes, nrrd_source *source)
+void locate_data(const nrrd_header &header, double data_bytes, nrrd_data *data)
 {
     const char *path = header.path.c_str();
     std::string name = header.text("datafile"), encoding = lower_case(header.text("encoding"));
-    source->compressed = encoding == "gzip" || encoding == "gz";
-    if (encoding != "raw" && !source->compressed)
+    data->compressed = encoding == "gzip" || encoding == "gz";
+    if (encoding != "raw" && !data->compressed)
         fail(PLIANT_ERROR_FORMAT,
              "%s: encoding: %.40s is not supported; raw and gzip are: write it anew, for example with unu save -e gzip",
              path, encoding.c_str());
@@ -288,21 +217,21 @@ void locate_data(const text_header &header, double data_bytes, nrrd_source *sour
              "(SimpleITK and unu save do)",
              path, name.c_str());
     bool alone = !name.empty();
-    source->data_path = !alone ? header.path : name[0] == '/' ? name : folder_of(header.path) + name;
-    if (is_folder(source->data_path)) fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", source->data_path.c_str());
+    data->path = !alone ? header.path : name[0] == '/' ? name : folder_of(header.path) + name;
+    if (is_folder(data->path)) fail(PLIANT_ERROR_FILE, "%s: is a folder, a data file is needed", data->path.c_str());
 
-    double bytes = static_cast<double>(file_size(source->data_path)), lines = header.whole("lineskip", 0), skip = header.whole("byteskip", 0);
-    source->offset = after_lines(source->data_path, alone ? 0 : header.bytes, lines);
-    double behind = bytes - static_cast<double>(source->offset);
-    double inside = source->compressed ? gzip_length(source->data_path, bytes) : behind;
+    double bytes = static_cast<double>(file_size(data->path)), lines = header.whole("lineskip", 0), skip = header.whole("byteskip", 0);
+    data->offset = after_lines(data->path, alone ? 0 : header.bytes, lines);
+    double behind = bytes - static_cast<double>(data->offset);
+    double inside = data->compressed ? gzip_length(data->path, bytes) : behind;
     if (skip < -1 || lines < 0) fail(PLIANT_ERROR_FORMAT, "%s: byte skip %g, line skip %g: at least -1 and 0 are needed", path, skip, lines);
-    check_data_fits(source->data_path, data_bytes + std::fmax(skip, 0.0), behind, source->compressed);
+    check_data_fits(data->path, data_bytes + std::fmax(skip, 0.0), behind, data->compressed);
     if (skip == -1) skip = inside - data_bytes;
     if (skip < 0)
-        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %.0f bytes of data in %s, the header asks for %.0f", path, inside, source->data_path.c_str(), data_bytes);
-    source->skip = static_cast<uint64_t>(skip);
+        fail(PLIANT_ERROR_FORMAT, "%s: truncated: %.0f bytes of data in %s, the header asks for %.0f", path, inside, data->path.c_str(), data_bytes);
+    data->skip = static_cast<uint64_t>(skip);
     /* a data file that is longer than the voxels has something in front of them that the header forgot */
-    if (alone && !header.has("byteskip") && lines == 0 && inside != std::fmod(data_bytes, source->compressed ? 4294967296.0 : HUGE_VAL))
+    if (alone && !header.has("byteskip") && lines == 0 && inside != std::fmod(data_bytes, data->compressed ? 4294967296.0 : HUGE_VAL))
         fail(PLIANT_ERROR_FORMAT, "%s: %.0f bytes of data in %s, but the header asks for %.0f: truncated, or a byte skip is missing", path, inside,
              name.c_str(), data_bytes);
 }
@@ -311,18 +240,26 @@ void locate_data(const text_header &header, double data_bytes, nrrd_source *sour
 
 std::unique_ptr<image_source> open_nrrd(const std::string &path)
 {
-    text_header header = read_header(path);
-    std::unique_ptr<nrrd_source> source(new nrrd_source);
-    source->header.type = component_of(header);
-    source->header.whole_numbers = component_is_integer(source->header.type);
-    source->header.geometry = checked_geometry(path, read_grid(header));
-    source->header.modality = modality_of(header.modality);
-    size_t size = component_size(source->header.type);
+    nrrd_header header = read_nrrd_header(path);
+    nrrd_layers layers;
+    nrrd_data data;
+    const bool segments = has_segments(header);
+    const component type = component_of(header);
+    const pliant_geometry geometry = checked_geometry(path, read_grid(header, segments ? &layers : nullptr));
+    const size_t size = component_size(type);
     std::string endian = lower_case(header.text("endian"));
     if (size > 1 && endian != "little" && endian != "big")
         fail(PLIANT_ERROR_FORMAT, "%s: endian: %.20s: little or big is needed", path.c_str(), endian.c_str());
-    source->swap = (endian == "big") != machine_is_big_endian();
-    locate_data(header, voxel_count(source->header.geometry) * static_cast<double>(size), source.get());
+    data.swap = (endian == "big") != machine_is_big_endian();
+    locate_data(header, voxel_count(geometry) * static_cast<double>(size) * static_cast<double>(layers.count), &data);
+    if (segments) return open_nrrd_segments(header, data, type, geometry, layers);
+
+    std::unique_ptr<nrrd_source> source(new nrrd_source);
+    source->data = data;
+    source->header.geometry = geometry;
+    source->header.type = type;
+    source->header.whole_numbers = component_is_integer(type);
+    source->header.modality = modality_of(header.pair(header.pair("modality").empty() ? "dicom_0008_0060" : "modality"));
     return std::unique_ptr<image_source>(source.release());
 }
 

@@ -165,6 +165,16 @@ pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t 
         uint16_t *to = result.voxels + (size_t)row * (size_t)size[0];
         for (int32_t i = 0; i < size[0]; i++) to[i] = from[axis[0][i]];
     }
+    if (labels->num_segments > 0) {
+        const size_t bytes = labels->num_segments * sizeof *result.segments;
+        result.segments = pliant_calloc(labels->num_segments, sizeof *result.segments);
+        if (!result.segments) {
+            status = pliant_fail_memory("the segments of a label map");
+            goto done;
+        }
+        memcpy(result.segments, labels->segments, bytes);
+        result.num_segments = labels->num_segments;
+    }
     *out = result;
     memset(&result, 0, sizeof result);
 done:

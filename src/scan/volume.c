@@ -146,6 +146,7 @@ void pliant_labels_free(pliant_labels *labels)
 {
     if (!labels) return;
     pliant_free(labels->voxels);
+    pliant_free(labels->segments);
     memset(labels, 0, sizeof *labels);
 }
 

@@ -34,7 +34,7 @@ static pliant_status read_scan(const pliant_scene *scene, const char *path, plia
     pliant_status status = pliant_volume_read(path, scene->scan.series, 0, scan);
     if (status == PLIANT_OK && scene->material.labels[0]) {
         status = pliant_labels_read(scene->material.labels, 0, labels);
-        if (status == PLIANT_OK) status = pliant_labels_reorder(labels, &scan->geometry);
+        if (status == PLIANT_OK) status = pliant_labels_to_grid(labels, &scan->geometry);
         if (status == PLIANT_ERROR_ARGUMENT)
             status = pliant_fail(PLIANT_ERROR_FORMAT, "material/labels: %s and the scan %s: %s", scene->material.labels, path,
                                  pliant_last_error());

@@ -1,0 +1,51 @@
+/* The header of a NRRD file, for its readers. */
+#ifndef PLIANT_SCAN_READ_NRRD_H
+#define PLIANT_SCAN_READ_NRRD_H
+
+#include "scan/read.h"
+
+#include <map>
+
+namespace pliant_read {
+
+struct nrrd_header {
+    std::string path;
+    std::map<std::string, std::string> fields; /* by name in lower case, blanks left out: "space origin" is "spaceorigin" */
+    std::map<std::string, std::string> pairs;  /* "key:=value" of whoever wrote it, by key in lower case */
+    uint64_t bytes = 0;                        /* where attached data begin */
+
+    std::string text(const std::string &name) const;
+    bool has(const std::string &name) const { return !text(name).empty(); }
+    std::string pair(const std::string &key) const; /* "" when missing */
+    /* count numbers; nan stands for an axis without */
+    std::vector<double> numbers(const std::string &name, size_t count) const;
+    double whole(const std::string &name, double otherwise) const;
+};
+
+/* Fails with FORMAT. */
+nrrd_header read_nrrd_header(const std::string &path);
+
+/* Where the voxels of a NRRD file are. */
+struct nrrd_data {
+    std::string path;
+    uint64_t offset = 0, skip = 0; /* in the file; in the data, after decompression */
+    bool compressed = false, swap = false;
+
+    std::unique_ptr<byte_stream> open() const;
+};
+
+/* The axis along which the layers of a segmentation lie: below voxels in front of it are next to each other in the
+ * file, then come those of the next layer. */
+struct nrrd_layers {
+    size_t count = 1, below = 1;
+};
+
+/* True when a header describes segments (3D Slicer's .seg.nrrd). */
+bool has_segments(const nrrd_header &header);
+/* The reader of such a file. Fails with FORMAT. */
+std::unique_ptr<image_source> open_nrrd_segments(const nrrd_header &header, const nrrd_data &data, component type,
+                                                 const pliant_geometry &geometry, const nrrd_layers &layers);
+
+} // namespace pliant_read
+
+#endif

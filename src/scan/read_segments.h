@@ -1,0 +1,43 @@
+/* What the readers of segmentations share: segments, and the label map that they make. */
+#ifndef PLIANT_SCAN_READ_SEGMENTS_H
+#define PLIANT_SCAN_READ_SEGMENTS_H
+
+#include "scan/read.h"
+
+#include <map>
+#include <utility>
+
+namespace pliant_read {
+
+/* Copy text into an array of a segment; longer texts are cut in front of a UTF-8 character. */
+void set_text(const std::string &text, char (&out)[64]);
+
+/* Give every segment its label: its value, or its position if two segments share a value. */
+void number_segments(const std::string &path, std::vector<pliant_label_segment> *segments);
+
+/* Segments put one by one into a label map, which is zero at first. Where they overlap the later segment of the list
+ * wins, in whatever order they come. */
+class segment_painter {
+public:
+    segment_painter(const std::vector<pliant_label_segment> &segments, uint16_t *voxels)
+        : segments_(segments), voxels_(voxels)
+    {
+    }
+    void put(size_t voxel, size_t segment)
+    {
+        const uint16_t next = static_cast<uint16_t>(segment + 1), there = voxels_[voxel];
+        if (there != 0 && there != next) overlaps_[{std::min(there, next) - 1, std::max(there, next) - 1}]++;
+        if (next > there) voxels_[voxel] = next;
+    }
+    /* Change positions to labels; log overlaps. */
+    void finish(const std::string &path, size_t count);
+
+private:
+    const std::vector<pliant_label_segment> &segments_;
+    uint16_t *voxels_; /* position of the segment, from 1 */
+    std::map<std::pair<int, int>, size_t> overlaps_; /* voxels of the earlier segment that the later one takes */
+};
+
+} // namespace pliant_read
+
+#endif
