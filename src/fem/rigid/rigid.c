@@ -246,9 +246,6 @@ static void middle_of(const pliant_rigid *body, const double inverse[9], double 
 static bool substep(pliant_rigid *body, const double inverse[9], const double gravity[3], double step, double part, double length, int num_pulls,
                     pliant_rigid_pull *pulls, const pliant_rigid_walls *around)
 {
-    /* [1/s] of what is pulled or touches something: a rigid piece has none of the losses of the tissue that it is, and would swing and rock on. What tled/damping
-     * is by default; that option itself is of explicit dynamics, where pieces are tissue, and no setting of scenes that have rigid ones. */
-    const double drag = 5;
     moving now = {.inverse_mass = 1 / body->mass};
     spring springs[PLIANT_RIGID_PULLS];
     contact contacts[MOST_CONTACTS];
@@ -282,12 +279,9 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
     for (int p = 0; p < num_pulls; p++)
         for (int d = 0; d < 3 && !pulls[p].given; d++) pulls[p].impulse[d] += springs[p].impulse[d];
 
-    const double kept = num_pulls + num_contacts > 0 ? exp(-drag * step) : 1;
     double inertia[9], rotation[9];
     invert(now.inverse_inertia, inertia);
     for (int d = 0; d < 3; d++) {
-        now.velocity[d] *= kept;
-        now.spin[d] *= kept;
         body->centre[d] += step * now.velocity[d];
         body->velocity[d] = now.velocity[d] + 0.5 * step * gravity[d];
         angle[d] = step * now.spin[d];

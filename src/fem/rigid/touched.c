@@ -9,8 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double drag = 5; /* [1/s] as of what touches a wall (rigid.c) */
-
 /* ---- implicit Euler of a rigid body: (M / h^2 + springs) q = M v / h + forces, q = a way and a turn */
 
 static void cross(const double a[3], const double b[3], double out[3])
@@ -266,11 +264,40 @@ static void moved_by(const pliant_falling *falling, const pliant_contacts *conta
     for (int k = 0; k < 6; k++) moved[k] = pliant_piece_moves(touch, load, k);
 }
 
+/* Implicit Euler moves a body by its velocity at the end of the step, as contact requires (Stewart and Trinkle, Int. J. Numer. Meth. Engng 39:2673, 1996). The
+ * trapezoidal rule takes the mean of the velocities at both ends instead, which is exact under constant forces. Return the difference of the two ways,
+ * projected so that no contact point of the piece comes closer. */
+static void trapezoidal_correction(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, const double faster[3], double out[3])
+{
+    enum { PASSES = 4 };
+    const double exact = 1e-9; /* of the correction */
+    double size = 0, closer = 0;
+    for (int d = 0; d < 3; d++) {
+        out[d] = -0.5 * falling->step * faster[d];
+        size += out[d] * out[d];
+    }
+    for (int pass = 0; pass <= PASSES && (pass == 0 || closer > 0); pass++) {
+        closer = 0;
+        for (int32_t c = 0; c < contacts->count; c++) {
+            const pliant_contact_point *point = contacts->point + c;
+            double weight = 0, approach = 0;
+            for (int32_t k = 0; k < point->count; k++) weight += falling->of_node[point->node[k]] == p ? point->weight[k] : 0;
+            for (int d = 0; d < 3; d++) approach -= weight * point->normal[d] * out[d];
+            if (weight == 0 || approach <= exact * sqrt(size)) continue;
+            closer = fmax(closer, approach);
+            for (int d = 0; d < 3; d++) out[d] += approach / weight * point->normal[d];
+        }
+    }
+    if (closer > 0) memset(out, 0, 3 * sizeof *out);
+}
+
 void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls)
 {
-    const double step = falling->step, kept = exp(-drag * step), still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-    double moved[6];
+    const double step = falling->step, still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    double moved[6], faster[3], correction[3] = {0, 0, 0};
     moved_by(falling, &data->contacts, p, moved);
+    for (int d = 0; d < 3; d++) faster[d] = moved[d] / step - body->velocity[d];
+    if (num_pulls == 0) trapezoidal_correction(falling, &data->contacts, p, faster, correction);
     for (int g = 0; g < num_pulls; g++) {
         double force[3], turned[3];
         const double stiffness = stiffness_of(pulls + g, body, step, force);
@@ -279,10 +306,10 @@ void pliant_falling_move_touched(const pliant_falling *falling, const pliant_dat
     }
     pliant_rigid_turn(moved + 3, still, body->rotation);
     for (int d = 0; d < 3; d++) {
-        body->centre[d] += moved[d];
-        body->velocity[d] = kept * moved[d] / step;
+        body->centre[d] += moved[d] + correction[d];
+        body->velocity[d] = moved[d] / step;
         body->momentum[d] = 0;
-        for (int k = 0; k < 3; k++) body->momentum[d] += kept * body->inertia[3 * d + k] * moved[3 + k] / step;
+        for (int k = 0; k < 3; k++) body->momentum[d] += body->inertia[3 * d + k] * moved[3 + k] / step;
     }
 }
 
