@@ -168,6 +168,30 @@ TEST(PieceTheory, APendulumKeepsItsEnergy)
     }
 }
 
+// A plate presses a piece on the ground. The footprint of the piece is 4 cm x 4 cm, and the areas of its contact points on the ground add up to that.
+TEST(PieceTheory, AreasOfContactPointsAddUpToTheFootprint)
+{
+    const double footprint = 0.04 * 0.04;
+    Lying lying(false, 0.3);
+    Body &body = *lying.body;
+    pliant_tool_shape shape{};
+    int tool;
+    shape.num_parts = 1;
+    shape.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.03, -0.03, 0}, {0.03, 0.03, 0.01}, 0, false, nullptr};
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "plate", &tool), PLIANT_OK);
+    ASSERT_EQ(pliant_tool_set_shape(body.data, tool, &shape), PLIANT_OK) << pliant_last_error();
+    for (int s = 0; s < 30; s++) {
+        const double tip[3] = {0.02, 0.02, 0.0281 - 2e-5 * s};
+        ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+        step(body, 1);
+    }
+    std::vector<pliant_contact> points(static_cast<size_t>(pliant_data_get_contacts(body.data, 0, nullptr)));
+    pliant_data_get_contacts(body.data, static_cast<int32_t>(points.size()), points.data());
+    double area = 0;
+    for (const pliant_contact &point : points) area += point.tool < 0 ? point.area : 0;
+    EXPECT_NEAR(area, footprint, 0.01 * footprint);
+}
+
 // Two plates squeeze a piece and lift it: friction holds it, and it does not creep.
 TEST(PieceTheory, APieceThatPlatesSqueezeStaysBetweenThem)
 {

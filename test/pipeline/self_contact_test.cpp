@@ -250,7 +250,7 @@ TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
             drop.run(8);
             EXPECT_NEAR(drop.force(0), weight, 0.005 * weight);
             ASSERT_EQ(pliant_data_set_gravity(drop.data, gravity), PLIANT_OK);
-            drop.run(3);
+            drop.run(slope < 0.3 ? 20 : 3); // the block below springs to and fro at first
             const double x = drop.lowest(0, 0);
             drop.run(3);
             EXPECT_NEAR(drop.force(-1, 0), -drop.force(0, 0), 1e-9);

@@ -134,7 +134,7 @@ struct GrippedPiece : Piece {
 TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
 {
     Sweeps sweeps;
-    const Way on = through_the_piece(sweeps.at(29));
+    const Way on = through_the_piece(sweeps.at(31));
     for (const bool is_held : {false, true}) {
         GrippedPiece piece(on, is_held);
         Sheet &sheet = *piece.sheet;

@@ -40,7 +40,10 @@ static pliant_status allocate(pliant_falling *falling)
     falling->joint_at = pliant_calloc((size_t)pieces->num_joints + 1, sizeof *falling->joint_at);
     falling->arms = pliant_calloc(largest, 3 * sizeof *falling->arms);
     falling->near_walls = pliant_calloc(largest, 3 * sizeof *falling->near_walls);
-    return falling->pieces && falling->x && falling->home && falling->piece_of && falling->place && falling->of_node && falling->touch && falling->joint_at && falling->arms &&
+    falling->node_area = pliant_calloc(largest, sizeof *falling->node_area);
+    falling->triangle_start = pliant_calloc((size_t)pieces->count + 1, sizeof *falling->triangle_start);
+    falling->triangle = pliant_calloc((size_t)falling->body->num_triangles + 1, sizeof *falling->triangle);
+    return falling->node_area && falling->triangle_start && falling->triangle && falling->pieces && falling->x && falling->home && falling->piece_of && falling->place && falling->of_node && falling->touch && falling->joint_at && falling->arms &&
                    falling->near_walls
                ? PLIANT_OK
                : pliant_fail_memory("the pieces that have come off");
@@ -95,6 +98,24 @@ static void find_moduli(pliant_falling *falling)
         if (falling->touch[p].num_young > 0) falling->touch[p].young /= falling->touch[p].num_young;
 }
 
+/* List the surface triangles of each piece, by a counting sort. */
+static void list_triangles(pliant_falling *falling)
+{
+    const pliant_body *body = falling->body;
+    int32_t *start = falling->triangle_start;
+    for (int pass = 0; pass < 2; pass++) {
+        for (int32_t t = 0; t < body->num_triangles; t++) {
+            const int32_t p = falling->of_node[body->triangles[3 * (size_t)t]];
+            if (p < 0) continue;
+            if (pass == 0) start[p + 1]++;
+            else falling->triangle[start[p]++] = t;
+        }
+        for (int32_t p = 0; pass == 0 && p < body->pieces->count; p++) start[p + 1] += start[p];
+    }
+    for (int32_t p = body->pieces->count; p > 0; p--) start[p] = start[p - 1];
+    start[0] = 0;
+}
+
 static void fill(pliant_falling *falling, const double *positions, const pliant_falling *from, const pliant_body_map *map)
 {
     const pliant_pieces *pieces = falling->body->pieces;
@@ -121,6 +142,7 @@ static void fill(pliant_falling *falling, const double *positions, const pliant_
         if (source >= 0) go_on(falling, p, from, source);
     }
     find_moduli(falling);
+    list_triangles(falling);
     for (int32_t j = 0; j < pieces->num_joints; j++) {
         const int32_t to = pieces->joint[2 * j + 1];
         const bool still = to == pieces->joint[2 * j];
@@ -161,7 +183,8 @@ void pliant_falling_free(pliant_falling *falling)
 {
     if (!falling) return;
     void *blocks[] = {falling->pieces, falling->x,        falling->home, falling->piece_of,
-                      falling->place,  falling->of_node,  falling->touch, falling->joint_at, falling->arms, falling->near_walls};
+                      falling->place,  falling->of_node,  falling->touch, falling->joint_at, falling->arms, falling->near_walls,
+                      falling->node_area, falling->triangle_start, falling->triangle};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_free(falling);
 }

@@ -45,6 +45,8 @@ struct pliant_falling {
     double *x, *home;                /* (nodes of pieces x 3) now, and when they came off [m] */
     int32_t *place;                  /* (fine nodes) in the list of nodes of pieces, or -1 */
     int32_t *piece_of;               /* (nodes of pieces) */
+    int32_t *triangle_start, *triangle; /* (pieces + 1), surface triangles of the body, by piece */
+    double *node_area;               /* (nodes of the largest piece) buffer [m^2] */
     double (*joint_at)[3];           /* (joints) where it hung in the last step [m] */
     double gravity[3];               /* of the last step */
     grip grips[MOST_GRIPS];

@@ -207,6 +207,59 @@ static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_w
     return count;
 }
 
+static double cross_length(const double *a, const double *b, const double *c, double out[3])
+{
+    double u[3], w[3];
+    for (int d = 0; d < 3; d++) {
+        u[d] = b[d] - a[d];
+        w[d] = c[d] - a[d];
+    }
+    cross(u, w, out);
+    return sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
+}
+
+/* A surface triangle supports the piece if it lies at most 1 mm above the node that is nearest to the wall. Its area at rest counts times the cosine of its
+ * angle to the wall. Each node gives a third of this area to the nearest contact point.
+ * @param area (count) out [m^2] */
+static void share_areas(const pliant_falling *falling, int32_t p, const pliant_wall *wall, int count, const int32_t *chosen, double *area)
+{
+    const double margin = 1e-3; /* [m] */
+    const pliant_body *body = falling->body;
+    const int32_t first = body->pieces->start[p];
+    double lowest = INFINITY;
+    for (int32_t i = first; i < body->pieces->start[p + 1]; i++) {
+        lowest = fmin(lowest, gap_of(wall, falling->x + 3 * (size_t)i));
+        falling->node_area[i - first] = 0;
+    }
+    for (int32_t k = falling->triangle_start[p]; k < falling->triangle_start[p + 1]; k++) {
+        const int32_t *node = body->triangles + 3 * (size_t)falling->triangle[k];
+        const double *x[3], *rest[3];
+        double highest = -INFINITY, normal[3];
+        for (int v = 0; v < 3; v++) {
+            rest[v] = body->fine.rest + 3 * (size_t)node[v];
+            x[v] = falling->x + 3 * (size_t)falling->place[node[v]];
+            highest = fmax(highest, gap_of(wall, x[v]));
+        }
+        if (highest > lowest + margin) continue;
+        const double twice = cross_length(rest[0], rest[1], rest[2], normal), now = cross_length(x[0], x[1], x[2], normal);
+        const double faces = now > 0 ? -(normal[0] * wall->normal[0] + normal[1] * wall->normal[1] + normal[2] * wall->normal[2]) / now : 0;
+        for (int v = 0; v < 3 && faces > 0; v++) falling->node_area[falling->place[node[v]] - first] += faces * twice / 6;
+    }
+    memset(area, 0, (size_t)count * sizeof *area);
+    for (int32_t i = first; i < body->pieces->start[p + 1]; i++) {
+        double nearest = INFINITY;
+        int to = 0;
+        for (int c = 0; c < count && falling->node_area[i - first] > 0; c++) {
+            const double *a = falling->x + 3 * (size_t)i, *b = falling->x + 3 * (size_t)chosen[c];
+            const double apart = pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2);
+            if (apart >= nearest) continue;
+            nearest = apart;
+            to = c;
+        }
+        area[to] += falling->node_area[i - first];
+    }
+}
+
 pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *contacts)
 {
     pliant_falling *falling = data->falling;
@@ -220,13 +273,14 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
             const int count = falling->pieces[p].touched && !falling->pieces[p].walled ? choose_nodes(falling, p, wall, pushed, chosen) : 0;
             pliant_status status = count > 0 ? pliant_contacts_reserve(contacts, contacts->count + count) : PLIANT_OK;
             if (status != PLIANT_OK) return status;
+            double area[PLIANT_RIGID_DIRECTIONS + 1];
+            if (count > 0) share_areas(falling, p, wall, count, chosen, area);
             for (int c = 0; c < count; c++) {
                 pliant_contact_point *point = contacts->point + contacts->count++;
-                const double *x = falling->x + 3 * (size_t)chosen[c], *centre = falling->touch[p].centre, gap = gap_of(wall, x);
-                const double apart = pow(x[0] - centre[0], 2) + pow(x[1] - centre[1], 2) + pow(x[2] - centre[2], 2);
+                const double *x = falling->x + 3 * (size_t)chosen[c], gap = gap_of(wall, x);
                 *point = (pliant_contact_point){
                     .feature = (uint64_t)PLIANT_PIECE_ON_WALL << 56 | (uint64_t)w << 48 | (uint64_t)chosen[c], .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .part = -1,
-                    .count = 1, .node = {pieces->node[chosen[c]]}, .weight = {1}, .friction = falling->friction, .area = apart,
+                    .count = 1, .node = {pieces->node[chosen[c]]}, .weight = {1}, .friction = falling->friction, .area = area[c],
                 };
                 memcpy(point->normal, wall->normal, sizeof point->normal);
                 for (int d = 0; d < 3; d++) point->place[d] = x[d] - gap * wall->normal[d];
