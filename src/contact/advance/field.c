@@ -1,62 +1,58 @@
-/* In a box of the field's cells the field lies above a plane, lowered until no grid point of the box is below it: between grid points the field is
- * trilinear, and so is the plane. Where the solid is flat that bound is sharp in all directions, so sliding along it costs nothing. Where it is not, or
- * the box is large, the triangle is split. Outside the grid the distance changes by at most the way (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). */
+/* In a box the field lies above a plane, lowered until none of the box's points is below it: points of the grid, and of its lines and planes on the box's
+ * sides, since the field is trilinear between them, as the plane is. Where the solid is flat that bound is sharp in all directions, so sliding along it
+ * costs nothing. Elsewhere the triangle and the time are split. Outside the grid the distance changes by at most the way (Piyavskii, USSR Comp. Math.
+ * Math. Phys. 12:57, 1972). */
 #include "contact/advance/field.h"
 
 #include "contact/advance/advance_rules.h"
-#include "contact/shapes/shapes.h"
 #include "contact/shapes/solid.h"
 
 #include <string.h>
 
-enum { DEEPEST = 10, MOST_OPEN = 3 * DEEPEST + 4, MOST_PIECES = 20000, MOST_POINTS = 1000, FINE = 4 /* grid points along an axis */ };
-static const double steepest = 1.7320508;   /* slope of a field between its points: at most 1 along each axis */
-static const double enough = 0.9;           /* of the lowest distance found */
-static const double smallest = 1e-4;        /* of a cell: nearer distances are not resolved */
+enum { DEEPEST = 10, MOST_HALVINGS = 16, MOST_OPEN = 3 * DEEPEST + MOST_HALVINGS + 4, MOST_PIECES = 20000, MOST_ALONG = 10 /* points along an axis */ };
+static const double steepest = 1.7320508; /* slope of a field between its points: at most 1 along each axis */
+static const double enough = 0.9;         /* of the lowest distance found */
+static const double smallest = 1e-4;      /* of a cell: nearer distances are not resolved */
+static const double close_time = 0.02;    /* of the time gained: times that differ by less count as one */
+static const double close_start = 1e-5;   /* and so much more, of a leg */
 
-/* A part of the triangle that moves. */
+/* A part of the triangle, by its corners' weights, in a part of the time. */
 typedef struct piece {
-    double from[3][3], to[3][3];
-    int level;
+    double weight[3][3], begin, end;
+    int level, halvings;
 } piece;
 
-/* A piece's box in grid points, and its ball. */
+/* What it covers in the part's frame. */
 typedef struct region {
-    int32_t low[3], high[3];
-    bool in_grid;             /* the box meets the grid */
-    int64_t points, longest;  /* grid points in it, and along its longest axis */
-    double middle[3], radius; /* of the ball */
+    double at[2][3][3];       /* corners at its begin and its end; in between they leave their chord by at most the bulge */
+    double low[3], high[3], bulge;
+    double middle[3], radius; /* of a ball around it */
     double size, way;         /* extent of the triangle, of its motion [m] */
 } region;
 
-static region region_of(const pliant_part *core, const piece *of, double bulge)
+static region region_of(const piece *of, const double begin[3][3], const double end[3][3], double bulge)
 {
-    const pliant_solid *solid = core->solid;
-    region out = {.in_grid = true, .points = 1};
+    region out = {.bulge = bulge, .way = bulge};
     for (int d = 0; d < 3; d++) {
-        double low = INFINITY, high = -INFINITY, sides[2][2] = {{INFINITY, -INFINITY}, {INFINITY, -INFINITY}};
+        double side[2][2] = {{INFINITY, -INFINITY}, {INFINITY, -INFINITY}};
         for (int k = 0; k < 3; k++) {
-            low = fmin(low, fmin(of->from[k][d], of->to[k][d]));
-            high = fmax(high, fmax(of->from[k][d], of->to[k][d]));
-            sides[0][0] = fmin(sides[0][0], of->from[k][d]);
-            sides[0][1] = fmax(sides[0][1], of->from[k][d]);
-            sides[1][0] = fmin(sides[1][0], of->to[k][d]);
-            sides[1][1] = fmax(sides[1][1], of->to[k][d]);
-            out.way = fmax(out.way, fabs(of->to[k][d] - of->from[k][d]));
+            for (int n = 0; n < 2; n++) {
+                double value = 0;
+                for (int c = 0; c < 3; c++) value += of->weight[k][c] * (n == 0 ? begin : end)[c][d];
+                out.at[n][k][d] = value;
+                side[n][0] = fmin(side[n][0], value);
+                side[n][1] = fmax(side[n][1], value);
+            }
+            out.way = fmax(out.way, fabs(out.at[1][k][d] - out.at[0][k][d]));
         }
-        out.size = fmax(out.size, fmax(sides[0][1] - sides[0][0], sides[1][1] - sides[1][0]));
-        out.middle[d] = 0.5 * (low + high);
-        const double origin = solid->origin[d] + core->from[d], last = solid->size[d] - 1;
-        const double first = floor((low - bulge - origin) / solid->cell), end = ceil((high + bulge - origin) / solid->cell);
-        out.in_grid = out.in_grid && first <= last && end >= 0;
-        out.low[d] = (int32_t)fmin(fmax(first, 0), last);
-        out.high[d] = (int32_t)fmin(fmax(end, 0), last);
-        out.points *= out.high[d] - out.low[d] + 1;
-        out.longest = out.high[d] - out.low[d] + 1 > out.longest ? out.high[d] - out.low[d] + 1 : out.longest;
+        out.size = fmax(out.size, fmax(side[0][1] - side[0][0], side[1][1] - side[1][0]));
+        out.low[d] = fmin(side[0][0], side[1][0]) - bulge;
+        out.high[d] = fmax(side[0][1], side[1][1]) + bulge;
+        out.middle[d] = 0.5 * (out.low[d] + out.high[d]);
     }
     for (int n = 0; n < 6; n++) {
         double apart[3];
-        for (int d = 0; d < 3; d++) apart[d] = (n < 3 ? of->from[n] : of->to[n - 3])[d] - out.middle[d];
+        for (int d = 0; d < 3; d++) apart[d] = out.at[n / 3][n % 3][d] - out.middle[d];
         out.radius = fmax(out.radius, pliant_advance_length(apart));
     }
     out.radius += bulge;
@@ -79,20 +75,48 @@ static double by_way(const pliant_part *core, const region *of, double distance)
     return distance - (is_inside_grid(core, of->middle) ? steepest : 1) * of->radius;
 }
 
-/* The plane normal . (p - middle) + the result is below the field in the box. */
-static double lower_plane(const pliant_part *core, const region *of, const double normal[3])
+/* Coordinates of a box along an axis: its ends, and grid points between them, clipped to the grid. 0: too many, or none is in the grid */
+static int list_along(const pliant_part *core, const region *of, int d, double out[MOST_ALONG])
 {
     const pliant_solid *solid = core->solid;
-    double least = INFINITY;
-    for (int32_t k = of->low[2]; k <= of->high[2]; k++)
-        for (int32_t j = of->low[1]; j <= of->high[1]; j++) {
-            const float *value = solid->value + ((size_t)k * (size_t)solid->size[1] + (size_t)j) * (size_t)solid->size[0];
-            double height = 0;
-            const double at[3] = {solid->origin[0], solid->origin[1] + solid->cell * j, solid->origin[2] + solid->cell * k};
-            for (int d = 0; d < 3; d++) height += normal[d] * (at[d] + core->from[d] - of->middle[d]);
-            for (int32_t i = of->low[0]; i <= of->high[0]; i++) least = fmin(least, (double)value[i] - height - normal[0] * solid->cell * i);
-        }
-    return least - core->radius;
+    const double origin = solid->origin[d] + core->from[d], last = origin + solid->cell * (solid->size[d] - 1);
+    const double low = fmax(of->low[d], origin), high = fmin(of->high[d], last);
+    int count = 0;
+    if (low > high) return 0;
+    out[count++] = low;
+    for (double k = floor((low - origin) / solid->cell) + 1; origin + solid->cell * k < high; k++) {
+        if (count == MOST_ALONG - 1) return 0;
+        out[count++] = origin + solid->cell * k;
+    }
+    if (high > low) out[count++] = high;
+    return count;
+}
+
+/* normal . (p - middle) + *height is below the distance at each p of the box that lies in the grid. false: the box is too large, or not in it */
+static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height, int64_t *distances)
+{
+    double along[3][MOST_ALONG], p[3], own[3];
+    int count[3];
+    for (int d = 0; d < 3; d++)
+        if ((count[d] = list_along(core, of, d, along[d])) == 0) return false;
+    *height = INFINITY;
+    *distances += (int64_t)count[0] * count[1] * count[2];
+    for (int k = 0; k < count[2]; k++)
+        for (int j = 0; j < count[1]; j++)
+            for (int i = 0; i < count[0]; i++) {
+                p[0] = along[0][i];
+                p[1] = along[1][j];
+                p[2] = along[2][k];
+                double rise = pliant_part_distance(core, p, own);
+                for (int d = 0; d < 3; d++) rise -= normal[d] * (p[d] - of->middle[d]);
+                *height = fmin(*height, rise);
+            }
+    return true;
+}
+
+static double height_of(const double normal[3], const double p[3], const double middle[3])
+{
+    return normal[0] * (p[0] - middle[0]) + normal[1] * (p[1] - middle[1]) + normal[2] * (p[2] - middle[2]);
 }
 
 /* The first fraction of a way at which a height falls to 0: it is begin and end at the ends, and lies below its chord by at most 4 bulge s (1 - s). */
@@ -104,99 +128,131 @@ static double first_zero(double begin, double end, double bulge)
     return slope < 0 ? fmin(begin / -slope, 1) : 1;
 }
 
-static double height_of(const double normal[3], const double p[3], const double middle[3])
-{
-    return normal[0] * (p[0] - middle[0]) + normal[1] * (p[1] - middle[1]) + normal[2] * (p[2] - middle[2]);
-}
-
 /* in 4, by the middles of its edges */
-static void split(const piece *of, piece *out)
+static int split(const piece *of, piece *out)
 {
-    piece middle;
+    double middle[3][3];
     for (int k = 0; k < 3; k++)
-        for (int d = 0; d < 3; d++) {
-            middle.from[k][d] = 0.5 * (of->from[k][d] + of->from[(k + 1) % 3][d]);
-            middle.to[k][d] = 0.5 * (of->to[k][d] + of->to[(k + 1) % 3][d]);
-        }
+        for (int c = 0; c < 3; c++) middle[k][c] = 0.5 * (of->weight[k][c] + of->weight[(k + 1) % 3][c]);
     for (int n = 0; n < 4; n++) {
-        out[n].level = of->level + 1;
-        for (int k = 0; k < 3; k++) { /* corner n stays; the others are the middles of its edges */
-            const bool stays = k == n;
-            const int edge = n == 3 ? k : (k + 1) % 3 == n ? k : n;
-            memcpy(out[n].from[k], stays ? of->from[k] : middle.from[edge], sizeof out[n].from[k]);
-            memcpy(out[n].to[k], stays ? of->to[k] : middle.to[edge], sizeof out[n].to[k]);
-        }
+        out[n] = *of;
+        out[n].level++;
+        for (int k = 0; k < 3; k++) /* corner n stays; the others are the middles of its edges */
+            if (n == 3 || k != n) memcpy(out[n].weight[k], middle[n == 3 || (k + 1) % 3 == n ? k : n], sizeof middle[0]);
     }
+    return 4;
 }
 
-static piece whole(const double from[3][3], const double to[3][3])
+/* in 2; the first half is the one that is looked at first */
+static int halve(const piece *of, piece *out)
 {
-    piece out = {.level = 0};
-    memcpy(out.from, from, sizeof out.from);
-    memcpy(out.to, to, sizeof out.to);
-    return out;
+    out[0] = out[1] = *of;
+    out[0].begin = out[1].end = 0.5 * (of->begin + of->end);
+    out[0].halvings = ++out[1].halvings;
+    return 2;
 }
+
+static const piece whole = {.weight = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, .begin = 0, .end = 1};
 
 double pliant_field_least(const pliant_part *core, const double corner[3][3], int64_t *distances)
 {
     piece stack[MOST_OPEN];
     double lowest = INFINITY, bound = INFINITY;
     int depth = 0, pieces = 0;
-    for (stack[depth++] = whole(corner, corner); depth > 0;) {
+    for (stack[depth++] = whole; depth > 0; pieces++) {
         const piece of = stack[--depth];
-        const region around = region_of(core, &of, 0);
-        double normal[3];
+        const region around = region_of(&of, corner, corner, 0);
+        double normal[3], own[3], middle[3], height;
+        for (int d = 0; d < 3; d++) middle[d] = (around.at[0][0][d] + around.at[0][1][d] + around.at[0][2][d]) / 3;
         const double distance = pliant_part_distance(core, around.middle, normal);
-        double least = by_way(core, &around, distance), middle[3];
-        for (int d = 0; d < 3; d++) middle[d] = (of.from[0][d] + of.from[1][d] + of.from[2][d]) / 3;
+        double least = by_way(core, &around, distance);
         *distances += 2;
-        pieces++;
-        double own[3];
         lowest = fmin(lowest, pliant_part_distance(core, middle, own));
         if (lowest <= 0) return lowest;
         const double wanted = enough * lowest - smallest * core->solid->cell;
-        if (least < wanted && around.in_grid && around.points <= MOST_POINTS) {
-            const double plane = lower_plane(core, &around, normal);
+        if (least < wanted && lower_plane(core, &around, normal, &height, distances)) {
             double by_plane = INFINITY;
-            for (int k = 0; k < 3; k++) by_plane = fmin(by_plane, plane + height_of(normal, of.from[k], around.middle));
+            for (int k = 0; k < 3; k++) by_plane = fmin(by_plane, height + height_of(normal, around.at[0][k], around.middle));
             least = fmax(least, by_plane);
         }
         if (least >= wanted || of.level == DEEPEST || pieces > MOST_PIECES) bound = fmin(bound, least);
-        else {
-            split(&of, stack + depth);
-            depth += 4;
-        }
+        else depth += split(&of, stack + depth);
     }
     return fmin(bound, lowest);
 }
 
-double pliant_field_free(const pliant_part *core, const double from[3][3], const double to[3][3], double bulge, double limit, int64_t *distances)
+/* ---- in time */
+
+/* Bound of a corner's acceleration in the part's frame from a time on. By the tool's turn w it is w x (w x z) - 2 w x (x' - tip'), with z from the tip;
+ * the jaw's turn adds the same with the velocity and acceleration that this leaves, and its place from the joint. */
+static double bend_of(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t)
 {
+    const double turn = motion->turn, jaw = fabs(motion->jaw), left = 1 - t;
+    pliant_advance_state state;
+    double bend = 0;
+    pliant_advance_motion_at(motion, t, &state);
+    for (int c = 0; c < 3 && !motion->still; c++) {
+        double rate[3], from_tip[3], from_joint[3];
+        for (int d = 0; d < 3; d++) {
+            const double at = triangle->from[c][d] + t * triangle->rate[c][d];
+            rate[d] = triangle->rate[c][d] - motion->tip_rate[d];
+            from_tip[d] = at - state.tip[d];
+            from_joint[d] = at - state.joint[d];
+        }
+        const double fast = pliant_advance_length(rate), far = pliant_advance_length(from_tip) + left * fast;
+        const double in_tool = turn * far + fast, far_from_joint = pliant_advance_length(from_joint) + left * in_tool;
+        bend = fmax(bend, turn * (turn * far + 2 * fast) + jaw * (jaw * far_from_joint + 2 * in_tool));
+    }
+    return bend;
+}
+
+static void corners_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double out[3][3])
+{
+    pliant_advance_state state;
+    pliant_advance_motion_at(motion, t, &state);
+    for (int c = 0; c < 3; c++) {
+        double at[3];
+        for (int d = 0; d < 3; d++) at[d] = triangle->from[c][d] + t * triangle->rate[c][d];
+        pliant_pose_from(&state.pose, at, out[c]);
+    }
+}
+
+/* The fraction of a piece's time in which it surely is free. */
+static double look_at(const pliant_part *core, const region *around, double limit, int64_t *distances)
+{
+    double normal[3], height, reached = 1;
+    const double distance = pliant_part_distance(core, around->middle, normal);
+    ++*distances;
+    if (by_way(core, around, distance) >= limit) return 1;
+    if (!lower_plane(core, around, normal, &height, distances)) return 0;
+    for (int k = 0; k < 3; k++)
+        reached = fmin(reached, first_zero(height + height_of(normal, around->at[0][k], around->middle) - limit,
+                                           height + height_of(normal, around->at[1][k], around->middle) - limit, around->bulge));
+    return reached;
+}
+
+double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double limit, int64_t *distances)
+{
+    const double bend = bend_of(motion, triangle, t);
     piece stack[MOST_OPEN];
-    double best = 1;
+    double best = 1, corner[2][3][3], known[2] = {-1, -1};
     int depth = 0, pieces = 0;
-    for (stack[depth++] = whole(from, to); depth > 0 && best > 0;) {
+    stack[depth] = whole;
+    for (stack[depth++].begin = t; depth > 0; pieces++) {
         const piece of = stack[--depth];
-        const region around = region_of(core, &of, bulge);
-        double normal[3], reached = 0;
-        const double distance = pliant_part_distance(core, around.middle, normal);
-        ++*distances;
-        pieces++;
-        if (by_way(core, &around, distance) >= limit) continue;
-        if (around.in_grid && around.points <= MOST_POINTS) {
-            const double plane = lower_plane(core, &around, normal);
-            reached = 1;
-            for (int k = 0; k < 3; k++) {
-                const double begin = plane + height_of(normal, of.from[k], around.middle) - limit, end = plane + height_of(normal, of.to[k], around.middle) - limit;
-                reached = fmin(reached, first_zero(begin, end, bulge));
-            }
+        if (of.begin >= best) continue;
+        for (int n = 0; n < 2; n++) {
+            const double time = n == 0 ? of.begin : of.end;
+            if (time != known[n]) corners_at(motion, triangle, time, corner[n]);
+            known[n] = time;
         }
-        if (reached >= best) continue;
-        if (around.size < around.way || around.longest <= FINE || of.level == DEEPEST || pieces > MOST_PIECES) best = reached; /* a shorter way helps, or nothing */
-        else {
-            split(&of, stack + depth);
-            depth += 4;
-        }
+        const double way = of.end - of.begin;
+        const region around = region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1], bend * way * way / 8);
+        const double reached = look_at(&motion->core, &around, limit, distances), time = of.begin + reached * way;
+        if (reached >= 1 || time >= best) continue;
+        const bool splits = of.level < DEEPEST, halves = of.halvings < MOST_HALVINGS;
+        if ((!splits && !halves) || pieces > MOST_PIECES || fmin(of.end, best) - time <= close_time * (time - t) + close_start) best = time;
+        else depth += halves && (!splits || around.way > around.size) ? halve(&of, stack + depth) : split(&of, stack + depth);
     }
     return best;
 }

@@ -2,14 +2,18 @@
 #ifndef PLIANT_CONTACT_ADVANCE_FIELD_H
 #define PLIANT_CONTACT_ADVANCE_FIELD_H
 
-#include "pliant/contact.h"
+#include "contact/advance/motion.h"
 
-/* Lower bound of the field's smallest value on a triangle in the part's frame [m]. It is at most 0 if the triangle enters the part. Otherwise it is at
- * least nine tenths of the distance, if that is above a thousandth of a cell. Adds the field's evaluations to *distances. */
+/* Positions of a triangle's corners through a leg. */
+typedef struct pliant_advance_triangle {
+    double from[3][3], rate[3][3];
+} pliant_advance_triangle;
+
+/* Lower bound of the field's smallest value on a triangle in the part's frame [m]. It is at most 0 if the triangle enters the part; otherwise it is at
+ * least nine tenths of the distance, if that is above a ten thousandth of a cell. Adds the field's evaluations to *distances. */
 double pliant_field_least(const pliant_part *core, const double corner[3][3], int64_t *distances);
 
-/* A triangle moves from one place to another. Each corner leaves its chord by at most 4 bulge s (1 - s) at a fraction s of the way.
- * @return a fraction of the way in which the distance is at least `limit` */
-double pliant_field_free(const pliant_part *core, const double from[3][3], const double to[3][3], double bulge, double limit, int64_t *distances);
+/* A time until which the distance stays at least `limit`, from t on. */
+double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double limit, int64_t *distances);
 
 #endif

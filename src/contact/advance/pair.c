@@ -9,7 +9,6 @@
 
 #include "contact/advance/advance_rules.h"
 #include "contact/advance/cut.h"
-#include "contact/advance/field.h"
 #include "contact/shapes/solid.h"
 
 #include <math.h>
@@ -177,38 +176,6 @@ static double by_speed(const moment *now)
     return fastest > 0 ? fmin(now->left, (now->cut.least - now->limit) / fastest) : now->left;
 }
 
-/* Of a part that is not convex: how far its field leads. In the part's frame a corner has the acceleration w x (w x z) - 2 w x (x' - tip') by the tool's
- * turn w, and the same by the jaw's turn with the velocity and acceleration that remain; z from the tip, and y from the joint. */
-static double by_field(const moment *now, int64_t *distances)
-{
-    const pliant_advance_motion *motion = now->motion;
-    const double turn = motion->turn, jaw = fabs(motion->jaw), surely = by_speed(now);
-    double from[3][3], to[3][3];
-    if (surely >= now->left) return surely;
-    for (int c = 0; c < 3; c++) pliant_pose_from(&now->state.pose, now->at[c], from[c]);
-    for (double way = now->left; way > surely; way *= 0.5) {
-        pliant_advance_state end;
-        double bend = 0;
-        pliant_advance_motion_at(motion, 1 - now->left + way, &end);
-        for (int c = 0; c < 3; c++) {
-            double rate[3], apart[2][3], place[3];
-            for (int d = 0; d < 3; d++) {
-                place[d] = now->at[c][d] + way * now->triangle->rate[c][d];
-                rate[d] = now->triangle->rate[c][d] - motion->tip_rate[d];
-                apart[0][d] = now->at[c][d] - now->state.tip[d];
-                apart[1][d] = now->at[c][d] - now->state.joint[d];
-            }
-            const double fast = pliant_advance_length(rate), far = pliant_advance_length(apart[0]) + way * fast;
-            const double in_tool = turn * far + fast, from_joint = pliant_advance_length(apart[1]) + way * in_tool;
-            bend = fmax(bend, turn * (turn * far + 2 * fast) + jaw * (jaw * from_joint + 2 * in_tool));
-            pliant_pose_from(&end.pose, place, to[c]);
-        }
-        const double share = pliant_field_free(&motion->core, (const double(*)[3])from, (const double(*)[3])to, motion->still ? 0 : bend * way * way / 8, now->limit, distances);
-        if (share >= 0.5) return share * way;
-    }
-    return surely;
-}
-
 /* ---- a leg */
 
 double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double weight[3], int64_t *distances)
@@ -234,10 +201,15 @@ bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_adva
     now.limit = pair->limit;
     const double distance = now.cut.least - now.limit;
     if (distance < 0) return true;
-    const bool is_convex = pliant_part_grain(&motion->core) == 0;
-    double step = is_convex ? by_speed(&now) : by_field(&now, distances);
-    if (step < now.left && is_convex) step = fmax(step, turning_plane(&now));
-    if (step < now.left && is_convex) step = fmax(step, fixed_plane(&now));
+    double step = by_speed(&now);
+    if (step < now.left && pliant_part_grain(&motion->core) > 0) {
+        const double before = pair->t;
+        pair->t = pliant_field_free(motion, triangle, before, now.limit, distances);
+        pair->iterations++;
+        return pair->t >= 1 || pair->iterations >= MOST_ITERATIONS || pair->t - before < little;
+    }
+    if (step < now.left) step = fmax(step, turning_plane(&now));
+    if (step < now.left) step = fmax(step, fixed_plane(&now));
     if (step >= now.left) {
         pair->t = 1;
         return true;

@@ -2,7 +2,7 @@
 #ifndef PLIANT_CONTACT_ADVANCE_PAIR_H
 #define PLIANT_CONTACT_ADVANCE_PAIR_H
 
-#include "contact/advance/motion.h"
+#include "contact/advance/field.h"
 
 typedef struct pliant_advance_pair {
     int32_t part, triangle;
@@ -13,11 +13,6 @@ typedef struct pliant_advance_pair {
     double limit;       /* smallest distance that it may have [m] */
     double weight[3];   /* of the triangle's corners: where the search for the smallest distance begins */
 } pliant_advance_pair;
-
-/* Positions of a triangle's corners through a leg. */
-typedef struct pliant_advance_triangle {
-    double from[3][3], rate[3][3];
-} pliant_advance_triangle;
 
 void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to, pliant_advance_triangle *out);
 /* Lower bound of the core distance at a fraction of the leg [m]. Adds the distances evaluated to *distances. */
