@@ -241,8 +241,8 @@ TEST(Surface, IsWrittenAsAFile)
     ASSERT_TRUE(mkdtemp(folder));
     const std::string path = std::string(folder) + "/a.ply";
     const char *const names[] = {"height"};
-    ASSERT_EQ(pliant_surface_write(path.c_str(), surface.made, moved.data(), 1, names, values.data()), PLIANT_OK) << pliant_last_error();
-    EXPECT_EQ(pliant_surface_write((path + "/b").c_str(), surface.made, moved.data(), 0, nullptr, nullptr), PLIANT_ERROR_FILE);
+    ASSERT_EQ(pliant_surface_write(path.c_str(), surface.made, moved.data(), 1.0, 1, names, values.data()), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(pliant_surface_write((path + "/b").c_str(), surface.made, moved.data(), 1.0, 0, nullptr, nullptr), PLIANT_ERROR_FILE);
     std::ifstream file(path);
     std::string line;
     size_t rows = 0, triangles = 0, cut = 0;

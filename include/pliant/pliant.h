@@ -37,6 +37,8 @@
 #include "pliant/scene.h"
 #include "pliant/model.h"
 #include "pliant/warp.h"
+#include "pliant/displacement.h"
+#include "pliant/save.h"
 #include "pliant/data.h"
 #include "pliant/session.h"
 #include "pliant/render.h"

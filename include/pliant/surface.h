@@ -41,10 +41,11 @@ PLIANT_API void pliant_surface_at_vertices(const pliant_surface *surface, int si
 /** A file (PLY, text) that other programs show: where every point is, its rest position and material, and numbers; of every triangle whether a cut
  *  has made it. Points that no triangle has are left out.
  *  @param positions (fine.num_nodes x 3) [m]
+ *  @param unit      of lengths in the file [m]: 1, or 1e-3 for millimetres
  *  @param values    (num_values x fine.num_nodes) one after the other; NULL where there are none
  *  @param names     (num_values) what they are called in the file: letters, digits and _
- *  Errors: MEMORY, FILE. */
-PLIANT_API pliant_status pliant_surface_write(const char *path, const pliant_surface *surface, const double *positions, int num_values,
+ *  Errors: ARGUMENT (unit), MEMORY, FILE. */
+PLIANT_API pliant_status pliant_surface_write(const char *path, const pliant_surface *surface, const double *positions, double unit, int num_values,
                                               const char *const *names, const float *values);
 
 #ifdef __cplusplus

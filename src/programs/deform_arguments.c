@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 static const char help[] =
     "Usage: pliant_deform [SCENE] [--scan PATH] [--tools FILE] --out DIR [options]\n"
@@ -31,6 +32,15 @@ static const char help[] =
     "                     strain_energy, volume_ratio, principal_stress, mass_change, contact_force\n"
     "  --compare A,B,C    the same by each of these methods, into DIR/A and so on; errors against the last one in\n"
     "                     DIR/compare.csv, with --pictures the scan and the methods side by side in DIR/axial.png ...\n"
+    "  --displacement FILE\n"
+    "                     write the displacement field, a vector per voxel [mm, LPS], as .nii.gz, .nii, .nrrd or .mha, and a mask beside it\n"
+    "                     (FILE with _mask). A FILE without a folder lies in DIR. With the field as transform, ITK and 3D Slicer\n"
+    "                     resample the scan into deformed.nii.gz: from a voxel there to where its tissue was at rest\n"
+    "  --tissue-displacement FILE\n"
+    "                     the same in the tissue's sense, on the scan's grid: from a voxel of the scan to where its tissue is\n"
+    "  --vtk              write mesh.vtu (elements, stress, strain, forces) and surface.vtp for ParaView and meshio; with --every\n"
+    "                     also mesh.pvd and surface.pvd, the series of all steps\n"
+    "  --unit m|mm        of lengths in surface.ply, mesh.vtu and surface.vtp (default: m)\n"
     "  --seen VALUE       errors of --compare count voxels of at least this value alone, as an isosurface shows them\n"
     "  --quiet            no progress and no tables, warnings and errors only\n"
     "  --options          print every scene option as a table and end\n"
@@ -49,7 +59,8 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, SEEN, QUIET, OPTIONS, HELP };
+enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, SEEN, DISPLACEMENT, TISSUE_DISPLACEMENT,
+       VTK, UNIT, QUIET, OPTIONS, HELP };
 
 static const struct option options[] = {
     {"scan", required_argument, NULL, SCAN},   {"tools", required_argument, NULL, TOOLS},
@@ -58,7 +69,9 @@ static const struct option options[] = {
     {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
     {"camera", required_argument, NULL, CAMERA}, {"radiograph", required_argument, NULL, RADIOGRAPH},
     {"scalars", required_argument, NULL, SCALARS}, {"compare", required_argument, NULL, COMPARE},
-    {"seen", required_argument, NULL, SEEN},
+    {"seen", required_argument, NULL, SEEN},   {"displacement", required_argument, NULL, DISPLACEMENT},
+    {"tissue-displacement", required_argument, NULL, TISSUE_DISPLACEMENT},
+    {"vtk", no_argument, NULL, VTK},           {"unit", required_argument, NULL, UNIT},
     {"quiet", no_argument, NULL, QUIET},       {"options", no_argument, NULL, OPTIONS},
     {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0},
 };
@@ -129,6 +142,30 @@ static bool read_seen(const char *text, double *out)
     return false;
 }
 
+static bool read_unit(const char *text, double *out)
+{
+    *out = strcmp(text, "mm") == 0 ? 1e-3 : 1;
+    if (strcmp(text, "m") == 0 || strcmp(text, "mm") == 0) return true;
+    fprintf(stderr, "--unit %s: use m or mm\n", text);
+    return false;
+}
+
+/* Refuse an unknown ending before the simulation, not after it. */
+static bool read_field(const char *option, const char *text, const char **out)
+{
+    static const char *const endings[] = {".nii", ".nii.gz", ".nrrd", ".mha"};
+    const size_t length = strlen(text);
+    for (size_t e = 0; e < sizeof endings / sizeof *endings; e++) {
+        const size_t size = strlen(endings[e]);
+        if (length > size && strcasecmp(text + length - size, endings[e]) == 0) {
+            *out = text;
+            return true;
+        }
+    }
+    fprintf(stderr, "%s %s: its ending tells no format; use .nii.gz, .nii, .nrrd or .mha\n", option, text);
+    return false;
+}
+
 bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *exit_code)
 {
     memset(out, 0, sizeof *out);
@@ -136,6 +173,7 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
     out->scan = "phantom";
     out->volume = true;
     out->seen = -INFINITY;
+    out->unit = 1;
     *exit_code = EXIT_USAGE;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         switch (code) {
@@ -165,6 +203,16 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
             break;
         case SEEN:
             if (!read_seen(optarg, &out->seen)) return false;
+            break;
+        case DISPLACEMENT:
+            if (!read_field("--displacement", optarg, &out->displacement)) return false;
+            break;
+        case TISSUE_DISPLACEMENT:
+            if (!read_field("--tissue-displacement", optarg, &out->tissue_displacement)) return false;
+            break;
+        case VTK: out->vtk = true; break;
+        case UNIT:
+            if (!read_unit(optarg, &out->unit)) return false;
             break;
         case QUIET: out->quiet = true; break;
         case OPTIONS:

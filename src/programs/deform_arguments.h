@@ -23,6 +23,9 @@ typedef struct deform_arguments {
     long steps;            /* 0: to the end of the tool path and until the solver has converged */
     long every;            /* 0: results at the end only */
     bool pictures, volume, quiet;
+    const char *displacement, *tissue_displacement; /* Nullable: names of displacement fields, in the sense of ITK and of the tissue */
+    bool vtk;              /* mesh and surface for ParaView */
+    double unit;           /* of lengths in files of meshes [m] */
     bool has_camera, has_arm; /* what they see is written, too */
     pliant_camera camera;
     double arm[2];         /* angles of a C-arm: primary, secondary [degrees] */

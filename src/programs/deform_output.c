@@ -1,5 +1,6 @@
 #include "deform_output.h"
 
+#include "deform_fields.h"
 #include "deform_view.h"
 #include "pliant/fail.h"
 #include "picture.h"
@@ -222,7 +223,8 @@ static pliant_status write_surface(const deform_run *run, const char *number, co
     pliant_status status = pliant_surface_create(pliant_data_get_body(run->data), NULL, &surface);
     if (status < 0) return status;
     snprintf(path, sizeof path, "%s/surface%s.ply", run->folder, number);
-    status = pliant_surface_write(path, surface, pliant_data_get_positions(run->data, NULL), scalars->num_scalars, names, scalars->of_node);
+    status = pliant_surface_write(path, surface, pliant_data_get_positions(run->data, NULL), run->arguments->unit,
+                                 scalars->num_scalars, names, scalars->of_node);
     pliant_surface_free(surface);
     return status;
 }
@@ -244,6 +246,7 @@ pliant_status deform_write(const deform_run *run, long step)
         if (status >= 0 && arguments->pictures) status = write_pictures(run, number, step, &scalars);
     }
     if (status >= 0) status = deform_view_write(run, number);
+    if (status >= 0) status = deform_fields_write(run, number, step);
     free_scalars(&scalars);
     return status;
 }

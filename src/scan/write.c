@@ -1,15 +1,14 @@
-/* Writing volumes and label maps: into a file beside the target, which is renamed when it is complete. */
-#include "pliant/scan.h"
+/* Writing volumes, label maps and vector fields: into a file beside the target, which is renamed when it is complete. */
+#include "scan/write.h"
 
 #include "base/fail.h"
+#include "base/replace.h"
 #include "pliant/memory.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <limits.h>
 #include <locale.h>
 #include <math.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -21,11 +20,12 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "voxels are written in
 
 typedef enum file_format { FORMAT_NONE, FORMAT_NIFTI, FORMAT_NIFTI_GZ, FORMAT_NRRD, FORMAT_METAIMAGE } file_format;
 
-/* What is to be written: a volume without scale, or labels. */
+/* What is to be written: a volume without scale, labels, or vectors. */
 typedef struct image_data {
     const pliant_geometry *geometry;
     int type; /* an index of the table below */
     const void *voxels;
+    bool is_vector; /* three numbers per voxel, in NIfTI one component after the other */
 } image_data;
 
 enum { TYPE_UINT8, TYPE_INT16, TYPE_UINT16, TYPE_FLOAT32 };
@@ -98,6 +98,12 @@ static size_t nifti_header(const image_data *image, unsigned char *header)
     put_short(header, 40, 3);
     for (size_t d = 0; d < 3; d++) put_short(header, 42 + 2 * d, geometry->size[d]);
     for (size_t d = 4; d < 8; d++) put_short(header, 40 + 2 * d, 1);
+    if (image->is_vector) { /* as ITK writes a displacement field: components along the fifth axis, in LPS */
+        const int nifti_intent_vector = 1007;
+        put_short(header, 40, 5);
+        put_short(header, 50, 3);
+        put_short(header, 68, nifti_intent_vector);
+    }
     put_short(header, 70, type->nifti);
     put_short(header, 72, (int)(8 * type->size));
 
@@ -128,6 +134,7 @@ static size_t nifti_header(const image_data *image, unsigned char *header)
 static size_t text_header(const image_data *image, file_format format, char *header)
 {
     const pliant_geometry *g = image->geometry;
+    const bool vector = image->is_vector;
     double d[9], spacing[3], origin[3]; /* [mm]; d: axis after axis */
     for (int axis = 0; axis < 3; axis++) {
         spacing[axis] = 1e3 * g->spacing[axis];
@@ -139,44 +146,28 @@ static size_t text_header(const image_data *image, file_format format, char *hea
     int length;
     if (format == FORMAT_NRRD)
         length = snprintf(header, HEADER_SIZE,
-                          "NRRD0004\ntype: %s\ndimension: 3\nspace: left-posterior-superior\nsizes: %d %d %d\n"
-                          "space directions: (%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g)\n"
-                          "kinds: domain domain domain\nendian: little\nencoding: raw\nspace units: \"mm\" \"mm\" \"mm\"\n"
+                          "NRRD0004\ntype: %s\ndimension: %s\nspace: left-posterior-superior\nsizes: %s%d %d %d\n"
+                          "space directions: %s(%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g) (%.17g,%.17g,%.17g)\n"
+                          "kinds: %sdomain domain domain\nendian: little\nencoding: raw\nspace units: \"mm\" \"mm\" \"mm\"\n"
                           "space origin: (%.17g,%.17g,%.17g)\n\n",
-                          types[image->type].nrrd, g->size[0], g->size[1], g->size[2], d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7],
-                          d[8], origin[0], origin[1], origin[2]);
+                          types[image->type].nrrd, vector ? "4" : "3", vector ? "3 " : "", g->size[0], g->size[1], g->size[2],
+                          vector ? "none " : "", d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], vector ? "vector " : "", origin[0],
+                          origin[1], origin[2]);
     else
         length = snprintf(header, HEADER_SIZE,
                           "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"
                           "TransformMatrix = %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g\nOffset = %.17g %.17g %.17g\n"
-                          "CenterOfRotation = 0 0 0\nElementSpacing = %.17g %.17g %.17g\nDimSize = %d %d %d\nElementType = %s\n"
+                          "CenterOfRotation = 0 0 0\nElementSpacing = %.17g %.17g %.17g\nDimSize = %d %d %d\n%sElementType = %s\n"
                           "ElementDataFile = LOCAL\n",
                           d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8], origin[0], origin[1], origin[2], spacing[0], spacing[1],
-                          spacing[2], g->size[0], g->size[1], g->size[2], types[image->type].metaimage);
+                          spacing[2], g->size[0], g->size[1], g->size[2], vector ? "ElementNumberOfChannels = 3\n" : "",
+                          types[image->type].metaimage);
     uselocale(old);
     if (c) freelocale(c);
     return (size_t)length;
 }
 
 /* --- files --- */
-
-/* An empty file beside the target that nobody else uses. temporary (PATH_MAX) gets its name. */
-static int open_beside(const char *target, char *temporary)
-{
-    static atomic_uint counter;
-    const char *slash = strrchr(target, '/');
-    int folder = slash ? (int)(slash - target) + 1 : 0;
-    for (int attempt = 0; attempt < 100; attempt++) {
-        int length = snprintf(temporary, PATH_MAX, "%.*s.pliant-%ld-%u.tmp", folder, target, (long)getpid(), atomic_fetch_add(&counter, 1));
-        if (length >= PATH_MAX) {
-            errno = ENAMETOOLONG;
-            return -1;
-        }
-        int file = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (file >= 0 || errno != EEXIST) return file;
-    }
-    return -1;
-}
 
 /* True when everything is in the file. Closes it in any case. */
 static bool write_plain(int file, const void *header, size_t header_size, const void *data, size_t data_size)
@@ -219,10 +210,10 @@ static pliant_status write_image(const char *path, file_format format, const ima
     if (stat(path, &status) == 0 && S_ISDIR(status.st_mode))
         return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: it is a folder", path);
 
-    int file = open_beside(path, temporary);
+    int file = pliant_open_beside(path, temporary);
     if (file < 0) return pliant_fail(PLIANT_ERROR_FILE, "%s: cannot be written: no file can be made beside it: %s", path, strerror(errno));
     size_t header_size = nifti ? nifti_header(image, header) : text_header(image, format, (char *)header);
-    size_t data_size = pliant_geometry_voxels(image->geometry) * types[image->type].size;
+    size_t data_size = pliant_geometry_voxels(image->geometry) * types[image->type].size * (image->is_vector ? 3 : 1);
     errno = 0;
     bool written = format == FORMAT_NIFTI_GZ ? write_compressed(file, header, header_size, image->voxels, data_size)
                                              : write_plain(file, header, header_size, image->voxels, data_size);
@@ -250,7 +241,7 @@ pliant_status pliant_volume_write(const char *path, const pliant_volume *volume)
     pliant_status status = check_target(path, volume->voxels, &format);
     if (status != PLIANT_OK) return status;
 
-    image_data image = {&volume->geometry, TYPE_FLOAT32, volume->voxels};
+    image_data image = {&volume->geometry, TYPE_FLOAT32, volume->voxels, false};
     if (volume->slope == 1.0f && volume->intercept == 0.0f) {
         if (volume->encoding == PLIANT_UINT8) image.type = TYPE_UINT8;
         if (volume->encoding == PLIANT_INT16) image.type = TYPE_INT16;
@@ -271,6 +262,24 @@ pliant_status pliant_labels_write(const char *path, const pliant_labels *labels)
     file_format format;
     pliant_status status = check_target(path, labels->voxels, &format);
     if (status != PLIANT_OK) return status;
-    image_data image = {&labels->geometry, TYPE_UINT16, labels->voxels};
+    image_data image = {&labels->geometry, TYPE_UINT16, labels->voxels, false};
     return write_image(path, format, &image);
+}
+
+pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor, const float *vectors)
+{
+    file_format format;
+    pliant_status status = check_target(path, vectors, &format);
+    if (status != PLIANT_OK) return status;
+    const size_t count = pliant_geometry_voxels(geometry);
+    const bool nifti = format == FORMAT_NIFTI || format == FORMAT_NIFTI_GZ;
+    const size_t voxel_step = nifti ? 1 : 3, component_step = nifti ? count : 1;
+    float *values = pliant_calloc(count, 3 * sizeof *values);
+    if (!values) return pliant_fail(PLIANT_ERROR_MEMORY, "%s: out of memory for its vectors", path);
+    for (size_t n = 0; n < count; n++)
+        for (size_t d = 0; d < 3; d++) values[n * voxel_step + d * component_step] = (float)(factor * (double)vectors[3 * n + d]);
+    image_data image = {geometry, TYPE_FLOAT32, values, true};
+    status = write_image(path, format, &image);
+    pliant_free(values);
+    return status;
 }

@@ -3,6 +3,7 @@
 #include "fem/element/hexahedra.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
+#include "fem/element/tensors.h"
 #include "state/data.h"
 #include "pliant/memory.h"
 
@@ -100,22 +101,97 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
 
 static const double least_part = 0.01; /* of an element is tissue: in less than that, what is not has a part in its moduli, too */
 
+/* Stress and energy density as the scene's elements have them. Explicit dynamics: of now, in world axes; otherwise in the element's axes. */
+static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material, double stress[6])
+{
+    if (scene->solver.kind != PLIANT_TLED) return corotational(f, material, stress);
+    pliant_law_cauchy(scene->tled.law, material->lambda, material->mu, f, stress);
+    return pliant_law_response(scene->tled.law, material->lambda, material->mu, f, NULL);
+}
+
+/* Return the fraction of the tissue's moduli that an element has: it may hold air, or be a fragment. */
+static double tissue_part(const pliant_tet_material *material) { return material->tissue > 0 ? fmax(material->tissue, least_part) : 1; }
+
 static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
 {
-    double stress[6], values[3], energy;
+    double stress[6], values[3];
     if (scalar == PLIANT_SCALAR_VOLUME_RATIO) return pliant_determinant(f);
     if (scalar == PLIANT_SCALAR_MASS_CHANGE) return mass_change(volume, pliant_determinant(f));
-    if (scene->solver.kind == PLIANT_TLED) {
-        energy = pliant_law_response(scene->tled.law, material->lambda, material->mu, f, NULL);
-        pliant_law_cauchy(scene->tled.law, material->lambda, material->mu, f, stress);
-    } else {
-        energy = corotational(f, material, stress);
-    }
+    const double energy = respond(scene, f, material, stress);
     if (scalar == PLIANT_SCALAR_STRAIN_ENERGY) return energy;
-    const double part = material->tissue > 0 ? fmax(material->tissue, least_part) : 1; /* an element beside air, or a fragment, has so much of the tissue's moduli */
-    if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress) / part;
+    if (scalar == PLIANT_SCALAR_VON_MISES) return von_mises(stress) / tissue_part(material);
     pliant_symmetric_eigenvalues(stress, values);
-    return values[2] / part;
+    return values[2] / tissue_part(material);
+}
+
+/* xx yy zz xy xz yz to nine, in axes whose columns are r's */
+static void turn(const double stress[6], const double r[9], float out[9])
+{
+    const double t[9] = {stress[0], stress[3], stress[4], stress[3], stress[1], stress[5], stress[4], stress[5], stress[2]};
+    for (int m = 0; m < 9; m++) {
+        double sum = 0;
+        for (int a = 0; a < 9; a++) sum += r[3 * (m / 3) + a / 3] * t[a] * r[3 * (m % 3) + a % 3];
+        out[m] = (float)sum;
+    }
+}
+
+pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *body, const double *positions, float *stress, float *strain)
+{
+    const pliant_mesh *mesh = &body->fine;
+    view look = {.scene = &model->scene, .mesh = mesh, .positions = positions};
+    const pliant_status status = find_corners(&look);
+    for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
+        const pliant_tet_material *material = body->fine_material + t;
+        double f[9], r[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, s[6];
+        element_deformation(&look, t, f);
+        respond(&model->scene, f, material, s);
+        for (int m = 0; m < 6; m++) s[m] /= tissue_part(material);
+        if (model->scene.solver.kind != PLIANT_TLED) pliant_rotation_signed_svd(f, r);
+        turn(s, r, stress + 9 * (size_t)t);
+        for (int m = 0; m < 9; m++) {
+            double e = m % 4 == 0 ? -1 : 0;
+            for (int a = 0; a < 3; a++) e += f[3 * a + m / 3] * f[3 * a + m % 3];
+            strain[9 * (size_t)t + (size_t)m] = (float)(0.5 * e);
+        }
+    }
+    pliant_free(look.corner);
+    return status;
+}
+
+/* nodes by the bits of their corners to the order of VTK, whose hexahedra have their first four nodes below the last four */
+static void order_hexahedron(const pliant_mesh *mesh, const int32_t node[8], int32_t out[8])
+{
+    static const int right_handed[8] = {0, 1, 3, 2, 4, 5, 7, 6}, left_handed[8] = {0, 2, 3, 1, 4, 6, 7, 5};
+    const bool left = pliant_determinant(mesh->direction) < 0;
+    for (int v = 0; v < 8; v++) out[v] = node[left ? left_handed[v] : right_handed[v]];
+}
+
+pliant_status pliant_tet_hexahedra(const pliant_model *model, const pliant_body *body, int32_t (*out)[8])
+{
+    const pliant_mesh *mesh = &body->fine;
+    view look = {.scene = &model->scene, .mesh = mesh};
+    pliant_status status = find_corners(&look);
+    uint8_t *seen = look.corner ? pliant_calloc((size_t)mesh->num_leaves, 1) : NULL;
+    if (status == PLIANT_OK && look.corner && !seen) status = pliant_fail_memory("the hexahedra");
+    for (int32_t t = 0; status == PLIANT_OK && t < mesh->num_tets; t++) {
+        const bool lattice = look.scene->element.kind == PLIANT_HEXAHEDRA && mesh->lattice_of_tet;
+        const int32_t leaf = look.corner ? pliant_cell_of_tet(mesh, t) : -1;
+        pliant_cube cube;
+        out[t][0] = PLIANT_IS_TETRAHEDRON;
+        if (leaf >= 0 && look.corner[leaf][0] >= 0) {
+            if (seen[leaf]) out[t][0] = PLIANT_IN_HEXAHEDRON;
+            else order_hexahedron(mesh, look.corner[leaf], out[t]);
+            seen[leaf] = 1;
+        } else if (lattice && pliant_cube_of(mesh, t, &cube)) {
+            int32_t first = t;
+            for (int slot = 0; slot < 5; slot++) first = cube.tet[slot] < first ? cube.tet[slot] : first;
+            if (first < t) out[t][0] = PLIANT_IN_HEXAHEDRON;
+            else order_hexahedron(mesh, cube.node, out[t]);
+        }
+    }
+    pliant_free(seen);
+    pliant_free(look.corner);
+    return status;
 }
 
 pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar, float *out)

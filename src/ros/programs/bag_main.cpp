@@ -208,7 +208,7 @@ void Extraction::write_surface(double time, const Snapshot &snapshot)
     surface_ = surface_of(*snapshot.body, surface_);
     char name[64];
     std::snprintf(name, sizeof name, "/surface_%08.3f.ply", time);
-    check(pliant_surface_write((arguments_.folder + name).c_str(), surface_.get(), snapshot.positions.data(), 0, nullptr, nullptr));
+    check(pliant_surface_write((arguments_.folder + name).c_str(), surface_.get(), snapshot.positions.data(), 1.0, 0, nullptr, nullptr));
 }
 
 void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *states)

@@ -1,0 +1,18 @@
+/* Write a file in the folder of its target, then rename it: the target is complete or absent. */
+#ifndef PLIANT_BASE_REPLACE_H
+#define PLIANT_BASE_REPLACE_H
+
+#include <limits.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Create an empty file in the target's folder that nobody else uses, open for writing. Returns its descriptor, or -1 with errno.
+ * temporary: its name; who has written it renames it to the target, or unlinks it. */
+int pliant_open_beside(const char *target, char temporary[PATH_MAX]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,18 @@
+/* Displacement fields, and meshes for ParaView. */
+#ifndef PLIANT_TOOLS_DEFORM_FIELDS_H
+#define PLIANT_TOOLS_DEFORM_FIELDS_H
+
+#include "deform_run.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Write the displacement fields, mesh.vtu and surface.vtp that the arguments name, with a number before each ending.
+ * step: 0 at the end; otherwise mesh.pvd and surface.pvd list it. Errors: FILE, MEMORY. */
+pliant_status deform_fields_write(const deform_run *run, const char *number, long step);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

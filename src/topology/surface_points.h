@@ -1,0 +1,29 @@
+/* The points of a surface, for files. */
+#ifndef PLIANT_TOPOLOGY_SURFACE_POINTS_H
+#define PLIANT_TOPOLOGY_SURFACE_POINTS_H
+
+#include "pliant/surface.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Nodes of the fine mesh, and after them the surface's own vertices. */
+typedef struct surface_points {
+    size_t count;
+    int32_t *row;              /* (count) its row in the file; -1: it has none */
+    int32_t num_rows;
+    double *at, *rest, *value; /* (count x 3), (count x 3), (count x values) */
+    uint16_t *material;        /* (count) */
+} surface_points;
+
+/* values: (num_values x fine.num_nodes) one after the other; NULL where there are none. out: zeroed before; to be freed even after an error.
+ * Errors: MEMORY. */
+pliant_status pliant_surface_points_find(const pliant_surface *surface, const double *positions, int num_values, const float *values,
+                                         surface_points *out);
+void pliant_surface_points_free(surface_points *points);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,243 @@
+#!/usr/bin/env python3
+"""Displacement fields and meshes of pliant_deform, read by the programs that they are for: SimpleITK, meshio and VTK.
+
+    fields_test.py PLIANT_DEFORM PLIANT_PHANTOM
+
+Exit code 77 (skipped) where SimpleITK, meshio or numpy is missing: pip install SimpleITK meshio. The part about .vtp needs vtk as well."""
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+import xml.etree.ElementTree
+
+try:
+    import meshio
+    import numpy as np
+    import SimpleITK as sitk
+except ImportError as missing:
+    print("skipped: %s; pip install SimpleITK meshio" % missing)
+    sys.exit(77)
+try:
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+except ImportError:
+    vtk = None
+
+DEFORM, PHANTOM = sys.argv[1], sys.argv[2]
+NO_TISSUE, TISSUE, CUT = 0, 1, 2
+SIZE = "96x70x72"
+
+# the liver's front is pulled by 2 cm; a blade goes into the belly beside it
+PULL = """
+tools:
+  - {name: grasper, drive: rigid, grasp: [-0.054, -0.063, 0.063], motion: [{time: 0.0, offset: [0, 0, 0]}, {time: 0.3, offset: [0, -0.02, 0]}]}
+"""
+CUT_TOO = """  - name: knife
+    blade: {from: [0, 0, -0.08], to: [0, 0, 0.08]}
+    poses:
+      - {time: 0.0, position: [-0.06, -0.14, 0.02], rotation: [0, 0, 0, 1]}
+      - {time: 0.2, position: [-0.06, -0.06, 0.02], rotation: [0, 0, 0, 1]}
+      - {time: 0.3, position: [-0.06, -0.16, 0.02], rotation: [0, 0, 0, 1]}
+    cut: [{from: 0.0, to: 0.2}]
+"""
+SCENE = """
+mesh: {coarse_cells: [18, 14, 16], ratio: 1}
+model: {method: fine, gravity: [-9.81, 0, 0]}
+cut: {kind: %s}
+element: {kind: %s}
+"""
+
+
+def read(path):
+    image = sitk.ReadImage(str(path))
+    return image, sitk.GetArrayFromImage(image)
+
+
+def resample(scan, field, like):
+    """The scan through a displacement field, as ITK does it."""
+    transform = sitk.DisplacementFieldTransform(sitk.Cast(field, sitk.sitkVectorFloat64))
+    return sitk.GetArrayFromImage(sitk.Resample(sitk.Cast(scan, sitk.sitkFloat64), like, transform, sitk.sitkLinear, -1000.0, sitk.sitkFloat64))
+
+
+def change_per_voxel(values):
+    """The largest difference to a neighbour along each axis, summed."""
+    change = np.zeros(values.shape)
+    for axis in range(3):
+        step = np.abs(np.diff(values, axis=axis))
+        ends = np.concatenate([np.zeros_like(np.take(step, [0], axis)), step, np.zeros_like(np.take(step, [0], axis))], axis)
+        count = values.shape[axis]
+        change += np.maximum(np.take(ends, range(count), axis), np.take(ends, range(1, count + 1), axis))
+    return change
+
+
+def volume_of(points, cells):
+    """Of tetrahedra, and of hexahedra as five tetrahedra."""
+    parts = {"tetra": [(0, 1, 2, 3)], "hexahedron": [(0, 1, 3, 4), (1, 2, 3, 6), (1, 4, 5, 6), (3, 4, 6, 7), (1, 3, 4, 6)]}
+    total = 0.0
+    for block in cells:
+        for part in parts[block.type]:
+            x = points[block.data[:, part]]
+            total += np.linalg.det(x[:, 1:] - x[:, :1]).sum() / 6
+    return total
+
+
+class Fields(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.room = tempfile.TemporaryDirectory()
+        cls.folder = pathlib.Path(cls.room.name)
+        (cls.folder / "none.yaml").write_text(PULL)
+        for kind in ("sever", "subdivide"):
+            (cls.folder / (kind + ".yaml")).write_text(PULL + CUT_TOO)
+        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(cls.folder / "phantom.nii.gz")], check=True, stdout=subprocess.DEVNULL)
+        cls.scan, cls.scan_values = read(cls.folder / "phantom.nii.gz")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.room.cleanup()
+
+    def deform(self, name, *arguments, cut="sever", element="linear"):
+        scene = self.folder / (name + ".yaml")
+        scene.write_text(SCENE % (cut, element))
+        out = self.folder / name
+        subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools", str(self.folder / (cut + ".yaml")), "--steps", "20",
+                        "--quiet", "--out", str(out), *arguments], check=True)
+        return out
+
+    def check_resampling(self, out):
+        deformed, wanted = read(out / "deformed.nii.gz")
+        field, vectors = read(out / "u.nii.gz")
+        _, mask = read(out / "u_mask.nii.gz")
+        self.assertEqual(field.GetNumberOfComponentsPerPixel(), 3)
+        np.testing.assert_allclose(field.GetOrigin(), deformed.GetOrigin(), atol=1e-3)
+        np.testing.assert_allclose(field.GetSpacing(), deformed.GetSpacing(), rtol=1e-6)
+        self.assertEqual(field.GetSize(), deformed.GetSize())
+        found = resample(self.scan, field, deformed)
+        inside = mask == TISSUE
+        self.assertGreater(inside.sum(), 0.9 * (mask != NO_TISSUE).sum())
+        self.assertGreater((np.linalg.norm(vectors[inside], axis=1) > 5).sum(), 1000, "the pull moves more than a thousand voxels by 5 mm")
+        # a tenth of a voxel, and the rounding to whole Hounsfield units
+        allowed = 0.1 * change_per_voxel(found) + 1
+        worst = np.abs(found - wanted)[inside] / allowed[inside]
+        self.assertLessEqual(worst.max(), 1)
+        self.assertEqual(np.ptp(wanted[mask == NO_TISSUE]), 0, "where there is no tissue, the deformed volume has one value")
+        return mask
+
+    def test_itk_resamples_the_scan_into_the_deformed_volume(self):
+        out = self.deform("whole", "--displacement", "u.nii.gz", cut="none")
+        mask = self.check_resampling(out)
+        self.assertFalse((mask == CUT).any())
+
+    def test_a_mask_tells_where_a_cut_is(self):
+        for kind in ("sever", "subdivide"):
+            with self.subTest(kind):
+                out = self.deform("cut_" + kind, "--displacement", "u.nii.gz", cut=kind)
+                mask = self.check_resampling(out)
+                self.assertGreater((mask == CUT).sum(), 300)
+                self.assertLess((mask == CUT).sum(), 0.08 * (mask == TISSUE).sum())
+
+    def test_nrrd_and_metaimage_hold_the_same(self):
+        fields = []
+        for ending in ("nii.gz", "nrrd", "mha"):
+            out = self.deform("format_" + ending[:3], "--displacement", "u." + ending, cut="none")
+            fields.append(read(out / ("u." + ending)))
+            self.assertTrue((out / ("u_mask." + ending)).exists())
+        for image, vectors in fields[1:]:
+            np.testing.assert_array_equal(vectors, fields[0][1])
+            np.testing.assert_allclose(image.GetOrigin(), fields[0][0].GetOrigin(), atol=1e-3)
+
+    def test_the_two_senses_are_inverse_to_each_other(self):
+        out = self.deform("senses", "--displacement", "u.nrrd", "--tissue-displacement", "v.nrrd")
+        back, _ = read(out / "u.nrrd")
+        forth, vectors = read(out / "v.nrrd")
+        _, mask = read(out / "v_mask.nrrd")
+        self.assertEqual(forth.GetSize(), self.scan.GetSize())
+        self.assertTrue((mask == CUT).any())
+        transform = sitk.DisplacementFieldTransform(sitk.Cast(back, sitk.sitkVectorFloat64))
+        moved = np.linalg.norm(vectors, axis=-1) > 2
+        apart = []
+        for k, j, i in np.argwhere((mask == TISSUE) & moved)[::37]:
+            at = np.array(self.scan.TransformIndexToPhysicalPoint((int(i), int(j), int(k))))
+            apart.append(np.linalg.norm(np.array(transform.TransformPoint((at + vectors[k, j, i]).tolist())) - at))
+        self.assertGreater(len(apart), 100)
+        self.assertLess(np.percentile(apart, 95), 0.1 * min(self.scan.GetSpacing()))
+
+    def test_meshio_reads_the_mesh(self):
+        for element, kind in (("linear", "tetra"), ("hexahedra", "hexahedron")):
+            with self.subTest(element):
+                out = self.deform("mesh_" + element, "--vtk", "--no-volume", element=element)
+                mesh = meshio.read(out / "mesh.vtu")
+                nodes = np.loadtxt(out / "nodes.csv", delimiter=",", skiprows=1)
+                tets = np.loadtxt(out / "elements.csv", delimiter=",", skiprows=1, usecols=range(4), dtype=int)
+                np.testing.assert_allclose(mesh.points, nodes[:, 3:6], atol=1e-8)
+                np.testing.assert_allclose(mesh.point_data["rest_position"], nodes[:, :3], atol=1e-8)
+                np.testing.assert_allclose(mesh.point_data["displacement"], nodes[:, 3:6] - nodes[:, :3], atol=1e-7)
+                rest = nodes[tets, :3]
+                wanted = np.linalg.det(rest[:, 1:] - rest[:, :1]).sum() / 6
+                self.assertAlmostEqual(volume_of(nodes[:, :3], mesh.cells) / wanted, 1, 6)
+                self.assertIn(kind, [block.type for block in mesh.cells])
+                for name, size in (("stress", 9), ("strain", 9)):
+                    self.assertEqual({data.shape[1] for data in mesh.cell_data[name]}, {size})
+                for name in ("material", "fragment", "piece", "von_mises", "material_fraction"):
+                    self.assertEqual([len(data) for data in mesh.cell_data[name]], [len(block.data) for block in mesh.cells])
+                self.assertGreater(max(data.max() for data in mesh.cell_data["fragment"]), 0)
+                self.assertGreater(mesh.point_data["fixed"].sum(), 0)
+
+    def test_stress_is_that_of_the_tables(self):
+        out = self.deform("stress", "--vtk", "--no-volume", "--scalars", "von_mises,principal_stress", cut="none")
+        mesh = meshio.read(out / "mesh.vtu")
+        table = np.genfromtxt(out / "elements.csv", delimiter=",", names=True, usecols=("von_mises_pa", "principal_stress_pa"))
+        stress = mesh.cell_data["stress"][0].reshape(-1, 3, 3)
+        np.testing.assert_allclose(mesh.cell_data["von_mises"][0], table["von_mises_pa"], rtol=1e-3, atol=0.1)
+        largest = np.linalg.eigvalsh(stress)[:, 2]
+        scale = np.abs(stress).max(axis=(1, 2))
+        self.assertLess((np.abs(largest - table["principal_stress_pa"]) / (scale + 0.1)).max(), 1e-3)
+        deformation = 2 * mesh.cell_data["strain"][0].reshape(-1, 3, 3) + np.eye(3)  # F'F
+        ratio = np.sqrt(np.linalg.det(deformation))
+        points, tets = mesh.points, mesh.cells[0].data
+        now, rest = points[tets], mesh.point_data["rest_position"][tets]
+        wanted = np.linalg.det(now[:, 1:] - now[:, :1]) / np.linalg.det(rest[:, 1:] - rest[:, :1])
+        np.testing.assert_allclose(ratio, np.abs(wanted), rtol=1e-4)
+
+    def test_a_series_of_steps_in_millimetres(self):
+        out = self.deform("series", "--vtk", "--no-volume", "--every", "10", "--unit", "mm")
+        for name, ending in (("mesh", "vtu"), ("surface", "vtp")):
+            listed = xml.etree.ElementTree.parse(out / (name + ".pvd")).findall(".//DataSet")
+            self.assertEqual([entry.get("file") for entry in listed], ["%s_0000%d.%s" % (name, step, ending) for step in (10, 20)])
+            self.assertAlmostEqual(float(listed[1].get("timestep")), 2 * float(listed[0].get("timestep")))
+            for entry in listed:
+                self.assertTrue((out / entry.get("file")).exists())
+        nodes = np.loadtxt(out / "nodes.csv", delimiter=",", skiprows=1)
+        np.testing.assert_allclose(meshio.read(out / "mesh.vtu").points, 1000 * nodes[:, 3:6], atol=1e-5)
+        ply = meshio.read(out / "surface.ply")
+        self.assertGreater(np.ptp(ply.points[:, 0]), 300)
+
+    @unittest.skipIf(vtk is None, "vtk is missing: pip install vtk")
+    def test_vtk_reads_the_surface(self):
+        out = self.deform("surface", "--vtk", "--no-volume")
+        reader = vtk.vtkXMLPolyDataReader()
+        reader.SetFileName(str(out / "surface.vtp"))
+        reader.Update()
+        surface, ply = reader.GetOutput(), meshio.read(out / "surface.ply")
+        np.testing.assert_allclose(vtk_to_numpy(surface.GetPoints().GetData()), ply.points, atol=1e-7)
+        cut = vtk_to_numpy(surface.GetCellData().GetArray("cut"))
+        self.assertGreater(cut.sum(), 50)
+        triangles = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+        np.testing.assert_array_equal(triangles, ply.cells_dict["triangle"])
+        edges = vtk.vtkFeatureEdges()  # closed where it is not of a cut
+        edges.SetInputData(surface)
+        edges.FeatureEdgesOff()
+        edges.ManifoldEdgesOff()
+        edges.NonManifoldEdgesOff()
+        edges.Update()
+        self.assertEqual(edges.GetOutput().GetNumberOfCells(), 0)
+        grid = vtk.vtkXMLUnstructuredGridReader()
+        grid.SetFileName(str(out / "mesh.vtu"))
+        grid.Update()
+        mesh = meshio.read(out / "mesh.vtu")
+        self.assertEqual(grid.GetOutput().GetNumberOfCells(), sum(len(block.data) for block in mesh.cells))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1], verbosity=2)
