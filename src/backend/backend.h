@@ -63,6 +63,11 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 /* Before the corotational solve: what a tool pulls at, and where to. Errors: MEMORY. */
 pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int tool);
+/* Rigid tools that hold one point (state/shared_hold.h) share one constraint and its force. Return the first of them, the leader, which has the constraint. Any
+ * other tool is its own leader. */
+int pliant_pull_leader(const pliant_data *data, int tool);
+/* List the tools that share the constraint of a leader, the leader first. @return how many */
+int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS]);
 /* Before it, too: the points of contact, where the host's solver knows the positions. Errors: MEMORY. */
 pliant_status pliant_push(pliant_data *data);
 /* After a solve: where every tool's held point is, and what force it took. */

@@ -1,9 +1,46 @@
 /* Tools and the corotational solver: what a tool pulls at, where to, and with what force. [H] 3.2. */
 #include "backend/backend.h"
 #include "fem/patch/patch.h"
+#include "state/shared_hold.h"
 #include "tool/tool.h"
 
 #include <string.h>
+
+/* ---- rigid tools at one point (state/shared_hold.h) */
+
+static bool share_a_point(const pliant_data *data, int a, int b)
+{
+    return pliant_hold_one_point(&data->body->fine, data->tools + a, data->tools + b) && pliant_patch_solver(data, a) == pliant_patch_solver(data, b);
+}
+
+int pliant_pull_leader(const pliant_data *data, int index)
+{
+    for (int t = 0; t < index; t++)
+        if (share_a_point(data, t, index) && pliant_pull_leader(data, t) == t) return t;
+    return index;
+}
+
+int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS])
+{
+    int count = 0;
+    for (int t = leader; t < data->num_tools; t++)
+        if (pliant_pull_leader(data, t) == leader) member[count++] = t;
+    return count;
+}
+
+/* Set the leader's target to the mean of all members' targets, each relative to its own held point. */
+static void share_target(const pliant_data *data, int leader, double target[3])
+{
+    int member[PLIANT_MAX_TOOLS];
+    const int count = pliant_pull_members(data, leader, member);
+    const double *held = data->tools[leader].held_point, own[3] = {target[0] - held[0], target[1] - held[1], target[2] - held[2]};
+    for (int m = 1; m < count; m++) {
+        const pliant_tool *tool = data->tools + member[m];
+        for (int d = 0; d < 3; d++) target[d] += (tool->tip[d] - tool->grip[d] - tool->held_point[d] - own[d]) / count;
+    }
+}
+
+/* ---- */
 
 /* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of stiffness
  * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h).
@@ -25,14 +62,17 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
     pliant_tool *tool = data->tools + index;
     pliant_solver *solver = pliant_patch_solver(data, index);
     pliant_handle *handle = solver->handles + index;
-    if (!tool->holding) {
+    const int leader = pliant_pull_leader(data, index);
+    if (!tool->holding || leader != index) {
         if (handle->active) pliant_solver_release(solver, index);
+        for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
+        tool->attached = tool->holding;
         return PLIANT_OK;
     }
     /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
     bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
     if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* another hold than before */
-    if (!tool->attached || turning) {
+    if (!tool->attached || !handle->active || turning) {
         pliant_status status = pliant_patch_hold(data, index);
         if (status != PLIANT_OK) return status;
         if (!tool->attached) memcpy(handle->force, tool->force, sizeof handle->force); /* none, but for a hold that was given (session.h) */
@@ -43,12 +83,18 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
     handle->by_force = by_force;
     for (int d = 0; by_force && d < 3; d++) handle->force[d] = tool->driving_force[d] + tool->mass * data->gravity[d];
     if (!by_force) aim(tool, model->scene.solver.step, data->gravity, handle);
+    if (pliant_tool_drive(tool) == PLIANT_DRIVE_RIGID) share_target(data, index, handle->target);
     for (int d = 0; d < 3; d++) tool->last_target[d] = tool->tip[d] - tool->grip[d];
     return PLIANT_OK;
 }
 
 void pliant_pull_report(pliant_data *data)
 {
-    for (int t = 0; t < data->num_tools; t++)
-        pliant_tool_report(data, t, data->solver ? pliant_patch_solver(data, t)->handles[t].force : NULL);
+    for (int t = 0; t < data->num_tools; t++) {
+        int member[PLIANT_MAX_TOOLS];
+        const int leader = pliant_pull_leader(data, t), count = pliant_pull_members(data, leader, member);
+        double force[3];
+        for (int d = 0; data->solver && d < 3; d++) force[d] = pliant_patch_solver(data, leader)->handles[leader].force[d] / count;
+        pliant_tool_report(data, t, data->solver ? force : NULL);
+    }
 }

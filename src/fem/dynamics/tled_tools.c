@@ -1,10 +1,11 @@
 /* What touches the tissue in a sub-step: tools that hold it, walls that it rests on. */
 #include "fem/dynamics/tled.h"
+#include "state/shared_hold.h"
 
 #include <string.h>
 
-/* one that pulls at a point */
-typedef struct pull { pliant_tool *tool; int index; } pull;
+/* A tool that pulls at a point. Rigid tools at one point share the pull: the first tool's hold pulls towards the mean of their targets. */
+typedef struct pull { pliant_tool *tool; int index, members; } pull;
 
 static void held_point(const pliant_tled *tled, const pliant_tool *tool, const double *shift, double sign, double out[3])
 {
@@ -97,14 +98,23 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
     return pliant_substep_gap(stiffness, damper, inertia, target, old_target, now, before, ahead, pushed, gap);
 }
 
+/* Each member feels its part of the force. */
+static void tell_force(const pliant_tled *tled, pliant_tool *tools, const int *pull_of, int num_tools, int pulled, int members, const double force[3])
+{
+    const double part[3] = {force[0] / members, force[1] / members, force[2] / members};
+    for (int t = 0; t < num_tools; t++)
+        if (pull_of[t] == pulled) add_force(tled, tools + t, part);
+}
+
 double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, double factor, int32_t parts)
 {
     double load = 0;
     pull pulls[PLIANT_MAX_TOOLS];
     double matrix[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS], force[PLIANT_MAX_TOOLS][3];
-    int count = 0;
+    int count = 0, pull_of[PLIANT_MAX_TOOLS];
     for (int t = 0; t < num_tools; t++) {
         pliant_tool *tool = tools + t;
+        pull_of[t] = -1;
         if (!tool->holding) continue;
         if (pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE && (tool->mass == 0 || tled->system->quasi_static)) {
             double pushed[3];
@@ -114,20 +124,30 @@ double pliant_tled_pull(pliant_tled *tled, pliant_tool *tools, int num_tools, do
             add_force(tled, tool, pushed);
             continue;
         }
-        pull *one = &pulls[count++];
-        *one = (pull){.tool = tool, .index = t};
+        for (int p = 0; p < count && pull_of[t] < 0; p++)
+            if (pliant_hold_one_point(tled->system->mesh, pulls[p].tool, tool)) pull_of[t] = p;
+        if (pull_of[t] < 0) pulls[pull_of[t] = count++] = (pull){.tool = tool, .index = t};
+        pulls[pull_of[t]].members++;
     }
     for (int i = 0; i < count; i++) {
         const pliant_tool *tool = pulls[i].tool;
         for (int j = 0; j <= i; j++) matrix[i][j] = factor * pliant_tled_answer(tled, tool, pulls[j].tool);
-        matrix[i][i] += set_gap(tled, tool, pulls[i].index, parts + tled->later[pulls[i].index], matrix[i][i], force[i]);
+        const double answer = matrix[i][i];
+        memset(force[i], 0, sizeof force[i]);
+        for (int t = 0; t < num_tools; t++) {
+            double gap[3];
+            if (pull_of[t] != i) continue;
+            const double own = set_gap(tled, tools + t, t, parts + tled->later[t], answer, gap);
+            if (t == pulls[i].index) matrix[i][i] += own;
+            for (int d = 0; d < 3; d++) force[i][d] += gap[d] / pulls[i].members;
+        }
     }
     tled->passed_step = tled->time_step;
     pliant_substep_forces(count, matrix, force);
     for (int i = 0; i < count; i++) {
         push(tled, pulls[i].tool, force[i], factor);
         load += load_of(tled, pulls[i].tool, force[i]);
-        add_force(tled, pulls[i].tool, force[i]);
+        tell_force(tled, tools, pull_of, num_tools, i, pulls[i].members, force[i]);
     }
     return load;
 }

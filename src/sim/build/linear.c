@@ -72,8 +72,11 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
         read_wrench(data, index, now.wrench);
         bool linear = data->solver && data->backend->on_host && !data->falling;
         if (linear) {
-            pliant_status status = pliant_solver_stiffness(pliant_patch_solver(data, index), index, now.tip, now.stiffness, &linear);
+            int member[PLIANT_MAX_TOOLS];
+            const int leader = pliant_pull_leader(data, index), count = pliant_pull_members(data, leader, member);
+            pliant_status status = pliant_solver_stiffness(pliant_patch_solver(data, leader), leader, now.tip, now.stiffness, &linear);
             if (status != PLIANT_OK) return status;
+            for (int m = 0; m < 36 && count > 1; m++) now.stiffness[m] /= count * count; /* each moves the target by its part, and takes its part of the force */
         }
         now.by_secants = !linear;
         correct(at, &now);
