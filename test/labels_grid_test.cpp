@@ -14,7 +14,7 @@ struct labels_holder {
     ~labels_holder() { pliant_labels_free(&labels); }
 };
 
-/* The voxel of `from` whose centre is nearest to that of voxel n of `to`; -1: none. */
+/* Return the voxel of `from` in which the centre of voxel n of `to` lies; -1: none. */
 long nearest(const pliant_geometry &from, const pliant_geometry &to, size_t n)
 {
     const size_t w = size_t(to.size[0]), h = size_t(to.size[1]);
@@ -136,7 +136,7 @@ TEST(LabelsToGrid, ResampleOtherGridsWithAWarning)
     }
 }
 
-/* A voxel in the middle between two labels takes the lower one, whatever the rounding errors are. */
+/* A voxel in the middle between two labels takes the lower one, with any rounding errors. */
 TEST(LabelsToGrid, HalfWayTakesTheLowerLabel)
 {
     pliant_geometry half = SCAN;
@@ -180,7 +180,7 @@ TEST(LabelsToGrid, CroppedMaps)
     }
 }
 
-/* Maps cropped to one slice have no neighbours to tell the thickness by. */
+/* A map may be cropped to one slice. */
 TEST(LabelsToGrid, OneSlice)
 {
     pliant_geometry slice = SCAN;
@@ -194,7 +194,7 @@ TEST(LabelsToGrid, OneSlice)
     for (size_t n = 0; n < 24000; n++) ASSERT_EQ(held.labels.voxels[n], n / 1200 == 7 ? 5 : 0);
 }
 
-/* Refused maps, and those for which there is no memory, stay what they are; segments stay in any case. */
+/* An error leaves the label map and its segments unchanged. */
 TEST(LabelsToGrid, ErrorsChangeNothing)
 {
     pliant_geometry far = turned(0.5, 0.003, 0);

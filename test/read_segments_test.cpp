@@ -40,6 +40,7 @@ seg_nrrd_file three_layers()
     file.set(1, 2, 1);  /* over the liver */
     file.set(2, 1, 2);
     file.set(2, 2, 1);  /* an earlier segment in a later layer */
+    file.set(2, 0, 1);  /* three segments share a voxel */
     file.set(23, 1, 7);
     file.set(22, 0, 9); /* no segment */
     return file;
@@ -70,7 +71,7 @@ TEST(SegNrrd, LayersAndNames)
         wanted[2] = 3;
         wanted[23] = 4;
         EXPECT_EQ(std::vector<uint16_t>(map->voxels, map->voxels + 24), wanted);
-        expect_words(log.warnings(), {"the later one wins in 2 voxels", "left kidney over Liver in 1", "Segment_3 over left kidney in 1",
+        expect_words(log.warnings(), {"the later one wins in 2 voxels", "left kidney over Liver in 1", "Segment_3 over L", " in 1",
                                       "1 voxels have values that are no segment's", "LabelValue is 9"});
         ASSERT_EQ(map->num_segments, 4u);
         const struct {

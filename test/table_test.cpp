@@ -104,7 +104,10 @@ TEST(table, errors_name_file_line_field_and_what_is_right)
     expect_words(refusal(with("[5, 7]", "[5, 5]")), {"line 8", "labels", "twice"});
     expect_words(refusal(with("[5, 7]", "[0]")), {"line 8", "labels", "'0'", "no label"});
     expect_words(refusal(with("[5, 7]", "[70000]")), {"line 8", "70000", "65535"});
-    expect_words(refusal(with("    labels: [5, 7]\n", "")), {"line 8", "range of intensities, labels"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: [left lobe, Left_Lobe]")), {"line 8", "segments: 'Left_Lobe' is named twice", "'liver'"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: [Bone]")), {"bone", "name: it is also a segment of 'liver'"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: [AIR]")), {"line 8", "segments: 'AIR' is named twice, also by 'air'"});
+    expect_words(refusal(with("labels: [5, 7]", "segments: ['']")), {"line 8", "segments: ''", "1 to 47 characters"});
     expect_words(refusal(with("name: liver", "name: air")), {"name", "another"});
     expect_words(refusal(with("name: liver", "name: " + std::string(60, 'x'))), {"name", "longer than 47"});
     expect_words(refusal(""), {"t.yaml", "empty", "materials"});
@@ -186,7 +189,7 @@ TEST(table, every_table_that_is_shipped_is_good)
 TEST(table, told_as_text_is_the_same_table)
 {
     Table table, again;
-    ASSERT_EQ(pliant_material_table_parse(with("187", "187.00000000000003").c_str(), "t.yaml", &table), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_material_table_parse(with("187", "187.00000000000003\n    segments: [left lobe, \"the \\\"caudate\\\" lobe\"]").c_str(), "t.yaml", &table), PLIANT_OK) << pliant_last_error();
     std::string text(pliant_material_table_text(&table, 0, nullptr), '\0');
     EXPECT_EQ(pliant_material_table_text(&table, text.size() + 1, &text[0]), text.size());
     ASSERT_EQ(pliant_material_table_parse(text.c_str(), "text", &again), PLIANT_OK) << pliant_last_error() << text;
@@ -204,6 +207,9 @@ TEST(table, told_as_text_is_the_same_table)
         EXPECT_TRUE(std::equal(a.range, a.range + a.num_range, b.range));
         ASSERT_EQ(a.num_labels, b.num_labels);
         EXPECT_TRUE(std::equal(a.labels, a.labels + a.num_labels, b.labels));
+        ASSERT_EQ(a.num_segments, b.num_segments);
+        EXPECT_EQ(a.num_segments, m == 1 ? 2u : 0u);
+        for (uint32_t s = 0; s < a.num_segments; ++s) EXPECT_STREQ(a.segments[s], b.segments[s]);
     }
 }
 

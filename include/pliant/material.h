@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-enum { PLIANT_MAX_MATERIALS = 255, PLIANT_MAX_MATERIAL_LABELS = 128 };
+enum { PLIANT_MAX_MATERIALS = 255, PLIANT_MAX_MATERIAL_LABELS = 128, PLIANT_MAX_MATERIAL_SEGMENTS = 128 };
 /** [J/m^2] of a table's material that names none: porcine liver, cut by a blade (s10033-022-00767-4, table 2: 187 to 225). */
 #define PLIANT_DEFAULT_TOUGHNESS 200.0
 
@@ -27,6 +27,8 @@ typedef struct pliant_material {
     uint32_t num_range;   /**< 0: no range, or 2 */
     uint32_t labels[PLIANT_MAX_MATERIAL_LABELS]; /**< label ids; a label wins over a range */
     uint32_t num_labels;
+    char segments[PLIANT_MAX_MATERIAL_SEGMENTS][48]; /**< names of segments with this material, in addition to its own name */
+    uint32_t num_segments;
 } pliant_material;
 
 typedef struct pliant_material_table {
@@ -45,15 +47,18 @@ PLIANT_API pliant_status pliant_material_table_default(pliant_material_table *ou
  *  is. Otherwise refused (MATERIAL) with a table to begin with. pliant_inputs_read checks scans whose scene names no table. */
 PLIANT_API pliant_status pliant_material_default_check(const pliant_volume *scan);
 PLIANT_API pliant_status pliant_material_table_copy(const pliant_material_table *table, pliant_material_table *out);
-/** Ranges of numbers, overlapping intensity ranges, labels named twice. */
+/** Ranges of numbers, overlapping intensity ranges, labels and segments named twice. */
 PLIANT_API pliant_status pliant_material_table_check(const pliant_material_table *table);
 PLIANT_API void pliant_material_table_free(pliant_material_table *table);
 
 /** The material of every voxel: by its label if it has one, else by its intensity range. A table that names
  *  labels but is given no label map falls back to its ranges.
+ *  Labels with segments take their materials by name. A segment has the material of this name, or with this name in its list of segments.
+ *  Case, blanks, punctuation and the order of words do not matter. If the name is unknown, the identifier of the segment decides, then
+ *  its terminology. A segment that is only numbered ("Segment_3") takes the material that lists its value as a label.
  *  @param labels            Nullable, or without voxels: none; must lie on the grid of the scan
  *  @param material_of_voxel (voxels) out, index into the table
- *  Errors: MATERIAL (lists every label and intensity interval without a material), FORMAT (grids differ). */
+ *  Errors: MATERIAL (lists every label, segment and intensity interval without a material), FORMAT (grids differ). */
 PLIANT_API pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
                                                   const pliant_labels *labels, uint8_t *material_of_voxel);
 

@@ -3,6 +3,8 @@
 #include "base/fail.h"
 #include "pliant/memory.h"
 
+#include "material/names.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -37,12 +39,17 @@ static uint8_t of_value(const lookup *l, double value)
     return below < l->num_ranges && value >= l->ranges[below].low ? l->ranges[below].material : NONE;
 }
 
-static void fill(const pliant_material_table *table, const pliant_volume *scan, lookup *l)
+static void fill(const pliant_material_table *table, const pliant_volume *scan, const pliant_labels *labels, lookup *l)
 {
+    const uint32_t num_segments = labels ? labels->num_segments : 0;
     memset(l->of_label, NONE, sizeof l->of_label);
+    for (uint32_t s = 0; s < num_segments; ++s) {
+        const int material = pliant_material_of_segment(table, labels->segments + s, NULL);
+        if (material >= 0) l->of_label[labels->segments[s].label] = (uint8_t)material;
+    }
     for (uint32_t m = 0; m < table->num_materials; ++m) {
         const pliant_material *material = &table->materials[m];
-        for (uint32_t i = 0; i < material->num_labels; ++i) l->of_label[material->labels[i]] = (uint8_t)m;
+        for (uint32_t i = 0; !num_segments && i < material->num_labels; ++i) l->of_label[material->labels[i]] = (uint8_t)m;
         if (!material->num_range) continue;
         int at = l->num_ranges++;
         for (; at > 0 && l->ranges[at - 1].low > material->range[0]; --at) l->ranges[at] = l->ranges[at - 1];
@@ -68,28 +75,52 @@ static inline uint8_t of_voxel(const lookup *l, const pliant_volume *scan, const
 
 /* A list in words that stops when it has grown long. */
 typedef struct listing {
-    char text[1024];
+    char text[1200];
     size_t used;
-    int items;
+    int items, listed;
 } listing;
 
 static void add(listing *list, const char *item, uint64_t voxels)
 {
-    if (list->items++ >= MAX_LISTED) return;
-    list->used += (size_t)snprintf(list->text + list->used, sizeof list->text - list->used, "%s%s: %llu voxels",
-                                   list->items > 1 ? ", " : "", item, (unsigned long long)voxels);
+    const size_t more = sizeof " and 65535 more", room = sizeof list->text - more - list->used;
+    if (list->items++ > list->listed || list->listed == MAX_LISTED) return;
+    const int length = snprintf(list->text + list->used, room, "%s%s: %llu voxels", list->items > 1 ? ", " : "", item,
+                                (unsigned long long)voxels);
+    if ((size_t)length < room) {
+        list->used += (size_t)length;
+        ++list->listed;
+    }
+    list->text[list->used] = '\0';
 }
 
 static void finish(listing *list)
 {
-    if (list->items > MAX_LISTED)
-        snprintf(list->text + list->used, sizeof list->text - list->used, " and %d more", list->items - MAX_LISTED);
+    if (list->items > list->listed)
+        snprintf(list->text + list->used, sizeof list->text - list->used, " and %d more", list->items - list->listed);
 }
 
-static void list_labels(const lookup *l, const uint16_t *labels, size_t voxels, uint64_t *counts, listing *list)
+static void list_segments(const lookup *l, const pliant_material_table *table, const pliant_labels *labels,
+                          const uint64_t *counts, listing *list)
 {
-    memset(counts, 0, NUM_16 * sizeof *counts);
-    for (size_t v = 0; v < voxels; ++v) ++counts[labels[v]];
+    for (uint32_t s = 0; s < labels->num_segments; ++s) {
+        const pliant_label_segment *segment = labels->segments + s;
+        char near[160], item[260];
+        if (!counts[segment->label] || l->of_label[segment->label] != NONE) continue;
+        pliant_nearest_names(table, segment->name, near, sizeof near);
+        snprintf(item, sizeof item, "\"%s\" (nearest names: %s)", segment->name, near);
+        add(list, item, counts[segment->label]);
+    }
+    finish(list);
+}
+
+static void list_labels(const lookup *l, const pliant_material_table *table, const pliant_labels *labels, uint64_t *counts, listing *list)
+{
+    const size_t voxels = pliant_geometry_voxels(&labels->geometry);
+    for (size_t v = 0; v < voxels; ++v) ++counts[labels->voxels[v]];
+    if (labels->num_segments > 0) {
+        list_segments(l, table, labels, counts, list);
+        return;
+    }
     for (int label = 1; label < NUM_16; ++label) {
         char item[16];
         if (!counts[label] || l->of_label[label] != NONE) continue;
@@ -125,23 +156,27 @@ static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t
     finish(list);
 }
 
+static const char *remedy_for(const pliant_labels *labels, bool names_labels)
+{
+    if (labels->num_segments > 0) return "; rename the segments, or add their names to \"segments\" of a material in the table";
+    return names_labels ? "" : " (the material table names no labels: give one that does, or no label map)";
+}
+
 static pliant_status complain(const lookup *l, const pliant_material_table *table, const pliant_volume *scan,
-                              const uint16_t *labels)
+                              const pliant_labels *labels)
 {
     listing missing = {.used = 0}, gaps = {.used = 0};
     bool names_labels = false;
     for (uint32_t m = 0; m < table->num_materials; ++m) names_labels |= table->materials[m].num_labels > 0;
     uint64_t *counts = pliant_calloc(NUM_16, sizeof *counts);
     if (!counts) return pliant_fail_memory("counting voxels without a material");
-    if (labels) list_labels(l, labels, pliant_geometry_voxels(&scan->geometry), counts, &missing);
-    list_gaps(l, scan, labels, counts, &gaps);
+    if (labels) list_labels(l, table, labels, counts, &missing);
+    list_gaps(l, scan, labels ? labels->voxels : NULL, counts, &gaps);
     pliant_free(counts);
     return pliant_fail(PLIANT_ERROR_MATERIAL, "%s: no material for%s%s%s%s%s%s", scan->id[0] ? scan->id : "scan",
-                       missing.items ? " labels " : "", missing.text, missing.items && gaps.items ? "; nor for" : "",
+                       !missing.items ? "" : labels->num_segments > 0 ? " segments " : " labels ", missing.text, missing.items && gaps.items ? "; nor for" : "",
                        gaps.items ? " intensities " : "", gaps.text,
-                       missing.items && !names_labels
-                           ? " (the material table names no labels: give one that does, or no label map)"
-                           : "");
+                       missing.items ? remedy_for(labels, names_labels) : "");
 }
 
 pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
@@ -157,7 +192,7 @@ pliant_status pliant_material_classify(const pliant_material_table *table, const
                            scan->id[0] ? scan->id : "scan");
     lookup *l = pliant_calloc(1, sizeof *l);
     if (!l) return pliant_fail_memory("classifying voxels");
-    fill(table, scan, l);
+    fill(table, scan, labels, l);
 
     const uint16_t *label = labels ? labels->voxels : NULL;
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
@@ -166,7 +201,7 @@ pliant_status pliant_material_classify(const pliant_material_table *table, const
 #pragma omp parallel for schedule(static) reduction(| : missing)
     for (ptrdiff_t v = 0; v < voxels; ++v) missing |= of_voxel(l, scan, label, (size_t)v) == NONE;
     if (missing) {
-        status = complain(l, table, scan, label);
+        status = complain(l, table, scan, labels);
     } else {
 #pragma omp parallel for schedule(static)
         for (ptrdiff_t v = 0; v < voxels; ++v) material_of_voxel[v] = of_voxel(l, scan, label, (size_t)v);

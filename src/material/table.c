@@ -3,6 +3,7 @@
 #include "base/fail.h"
 #include "scene/yaml.h"
 #include "material/default_table.h"
+#include "material/names.h"
 #include "pliant/memory.h"
 
 #include <math.h>
@@ -15,6 +16,8 @@ typedef struct text_material {
     char **range;
     char **labels;
     uint32_t num_labels;
+    char **segments;
+    uint32_t num_segments;
 } text_material;
 
 typedef struct text_table {
@@ -37,6 +40,8 @@ static const cyaml_schema_field_t material_fields[] = {
     CYAML_FIELD_SEQUENCE_FIXED("range", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_material, range, &word, 2),
     CYAML_FIELD_SEQUENCE_COUNT("labels", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_material, labels, num_labels,
                                &word, 0, PLIANT_MAX_MATERIAL_LABELS),
+    CYAML_FIELD_SEQUENCE_COUNT("segments", CYAML_FLAG_POINTER | CYAML_FLAG_OPTIONAL, text_material, segments,
+                               num_segments, &word, 0, PLIANT_MAX_MATERIAL_SEGMENTS),
     CYAML_FIELD_END,
 };
 #undef WORD_FIELD
@@ -109,6 +114,15 @@ static bool read_material(const text_material *text, pliant_material *out, char 
         out->labels[i] = (uint32_t)label;
     }
     out->num_labels = text->num_labels;
+    for (uint32_t i = 0; i < text->num_segments; ++i) {
+        if (!text->segments[i][0] || strlen(text->segments[i]) >= sizeof out->segments[i]) {
+            snprintf(reason, size, "segments: '%.60s': a name must have 1 to %zu characters", text->segments[i],
+                     sizeof out->segments[i] - 1);
+            return false;
+        }
+        strcpy(out->segments[i], text->segments[i]);
+    }
+    out->num_segments = text->num_segments;
     return true;
 }
 
@@ -134,12 +148,26 @@ static bool check_material(const pliant_material *m, char *reason, size_t size)
         snprintf(reason, size, "range: low %g must be less than high %g", m->range[0], m->range[1]);
     else if (m->num_labels > PLIANT_MAX_MATERIAL_LABELS)
         snprintf(reason, size, "labels: more than %d", PLIANT_MAX_MATERIAL_LABELS);
-    else if (!m->num_range && !m->num_labels)
-        snprintf(reason, size, "needs a range of intensities, labels, or both");
+    else if (m->num_segments > PLIANT_MAX_MATERIAL_SEGMENTS)
+        snprintf(reason, size, "segments: more than %d", PLIANT_MAX_MATERIAL_SEGMENTS);
+    for (uint32_t i = 0; !reason[0] && i < m->num_segments; ++i)
+        if (!memchr(m->segments[i], 0, sizeof m->segments[i]) || !m->segments[i][0])
+            snprintf(reason, size, "segments: name %u must have 1 to %zu characters", i + 1, sizeof m->segments[i] - 1);
     for (uint32_t i = 0; !reason[0] && i < m->num_labels; ++i)
         if (m->labels[i] < 1 || m->labels[i] > UINT16_MAX)
             snprintf(reason, size, "labels: %u is not in 1..65535 (0 is \"no label\")", m->labels[i]);
     return !reason[0];
+}
+
+/* Whether one of the names of segments of a material is the name of a later material. */
+static bool names_segment(const pliant_material *m, const char *name, char *reason, size_t size)
+{
+    for (uint32_t i = 0; i < m->num_segments; ++i)
+        if (pliant_same_name(m->segments[i], name)) {
+            snprintf(reason, size, "name: it is also a segment of '%s'", m->name);
+            return true;
+        }
+    return false;
 }
 
 /* What is wrong between a material and an earlier (or, for labels, the same) one. */
@@ -160,6 +188,15 @@ static bool check_pair(const pliant_material *a, const pliant_material *b, char 
                 snprintf(reason, size, "labels: %u is named twice, also in '%s'", a->labels[i], b->name);
                 return false;
             }
+    for (uint32_t i = 0; i < a->num_segments; ++i) {
+        bool twice = a != b && pliant_same_name(a->segments[i], b->name);
+        for (uint32_t k = 0; !twice && k < (a == b ? i : b->num_segments); ++k)
+            twice = pliant_same_name(a->segments[i], b->segments[k]);
+        if (twice) {
+            snprintf(reason, size, "segments: '%s' is named twice, also by '%s'", a->segments[i], b->name);
+            return false;
+        }
+    }
     return true;
 }
 
@@ -172,6 +209,7 @@ static pliant_status check(const pliant_material_table *table, const origin *fro
     for (uint32_t i = 0; i < table->num_materials; ++i) {
         const pliant_material *m = &table->materials[i];
         bool good = check_material(m, reason, sizeof reason);
+        for (uint32_t k = 0; good && k < i; ++k) good = !names_segment(&table->materials[k], m->name, reason, sizeof reason);
         for (uint32_t k = 0; good && k <= i; ++k) good = check_pair(m, &table->materials[k], reason, sizeof reason);
         if (!good) return refuse(from, i, memchr(m->name, 0, sizeof m->name) ? m->name : "", reason);
     }

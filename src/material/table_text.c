@@ -29,7 +29,11 @@ static void add_material(pliant_text_out *text, const pliant_material *material)
         for (uint32_t l = 0; l < material->num_labels; ++l) add_number(text, l ? ", " : "[", material->labels[l]);
         pliant_text_add(text, "]");
     }
-    pliant_text_add(text, "}\n");
+    for (uint32_t s = 0; s < material->num_segments; ++s) {
+        pliant_text_add(text, s ? ", " : ", segments: [");
+        pliant_text_add_quoted(text, material->segments[s]);
+    }
+    pliant_text_add(text, material->num_segments > 0 ? "]}\n" : "}\n");
 }
 
 size_t pliant_material_table_text(const pliant_material_table *table, size_t room, char *out)

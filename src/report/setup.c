@@ -26,6 +26,17 @@ static uint64_t add_materials(uint64_t hash, const pliant_material_table *table)
     return hash;
 }
 
+/* Names matter where they decide materials. */
+static uint64_t add_segments(uint64_t hash, const pliant_labels *labels, const pliant_material_table *table)
+{
+    hash = report_hash(hash, labels->segments, labels->num_segments * sizeof *labels->segments);
+    for (uint32_t m = 0; m < table->num_materials; m++) {
+        const pliant_material *material = table->materials + m;
+        hash = report_hash(hash, material->segments, material->num_segments * sizeof *material->segments);
+    }
+    return hash;
+}
+
 void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9])
 {
     pliant_scene scene = *input->scene; /* its padding is zero: it was made by pliant_scene_defaults */
@@ -38,6 +49,7 @@ void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *s
     hash = report_hash(hash, &input->scan->geometry, sizeof input->scan->geometry);
     hash = report_hash(hash, input->scan->voxels, pliant_geometry_voxels(&input->scan->geometry) * pliant_encoding_size(input->scan->encoding));
     if (input->labels) hash = report_hash(hash, input->labels->voxels, 2 * pliant_geometry_voxels(&input->labels->geometry));
+    if (input->labels && input->labels->num_segments > 0) hash = add_segments(hash, input->labels, input->materials);
     hash = add_materials(hash, input->materials);
     if (sweep) {
         hash = report_hash(hash, sweep->pull, sizeof sweep->pull);

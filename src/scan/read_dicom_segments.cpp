@@ -1,5 +1,5 @@
-/* DICOM segmentations (PS3.3 A.51, C.8.20): a bit or a fraction per voxel, with a frame for every segment in every slice
- * where it has voxels; or a label map whose numbers are those of the segments. */
+/* DICOM segmentations (PS3.3 A.51, C.8.20). Every segment has a frame of bits or fractions in every slice where it has
+ * voxels. In a label map the voxels hold numbers of segments. */
 #include "scan/read_dicom.h"
 #include "scan/read_segments.h"
 
@@ -230,10 +230,10 @@ public:
 
     void read(void *voxels) override
     {
-        segment_painter painter(segments, static_cast<uint16_t *>(voxels));
+        segment_painter painter(segments, pliant_geometry_voxels(&header.geometry), static_cast<uint16_t *>(voxels));
         if (is_bits_) read_bits(&painter);
         else read_numbers(&painter);
-        painter.finish(path_, pliant_geometry_voxels(&header.geometry));
+        painter.finish(path_);
     }
 
 private:

@@ -11,13 +11,13 @@ namespace pliant_read {
 struct nrrd_header {
     std::string path;
     std::map<std::string, std::string> fields; /* by name in lower case, blanks left out: "space origin" is "spaceorigin" */
-    std::map<std::string, std::string> pairs;  /* "key:=value" of whoever wrote it, by key in lower case */
+    std::map<std::string, std::string> pairs;  /* "key:=value" lines, by key in lower case */
     uint64_t bytes = 0;                        /* where attached data begin */
 
     std::string text(const std::string &name) const;
     bool has(const std::string &name) const { return !text(name).empty(); }
     std::string pair(const std::string &key) const; /* "" when missing */
-    /* count numbers; nan stands for an axis without */
+    /* Return count numbers; an axis without a number has nan. */
     std::vector<double> numbers(const std::string &name, size_t count) const;
     double whole(const std::string &name, double otherwise) const;
 };
@@ -34,8 +34,7 @@ struct nrrd_data {
     std::unique_ptr<byte_stream> open() const;
 };
 
-/* The axis along which the layers of a segmentation lie: below voxels in front of it are next to each other in the
- * file, then come those of the next layer. */
+/* The axis of the layers of a segmentation. The file holds `below` voxels of a layer, then as many of the next layer. */
 struct nrrd_layers {
     size_t count = 1, below = 1;
 };

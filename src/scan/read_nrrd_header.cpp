@@ -88,7 +88,7 @@ nrrd_header read_nrrd_header(const std::string &path)
         if (line.empty() && whole_line) return header;
         size_t colon = line.find(": "), pair = line.find(":=");
         if (line[0] == '#') continue;
-        if (pair != std::string::npos) { /* "key:=value" of whoever wrote it */
+        if (pair != std::string::npos) {
             header.pairs[lower_case(trimmed(line.substr(0, pair)))] = unescaped(line.substr(pair + 2));
             continue;
         }
@@ -98,7 +98,7 @@ nrrd_header read_nrrd_header(const std::string &path)
             if (c != ' ') name += c;
         header.fields[name] = trimmed(line.substr(colon + 2));
     }
-    if (header.has("datafile") && !bytes.empty() && bytes.back() == '\n') return header; /* a header of its own may just end */
+    if (header.has("datafile") && !bytes.empty() && bytes.back() == '\n') return header; /* a detached header needs no empty line */
     fail(PLIANT_ERROR_FORMAT, "%s: truncated: the header does not end with an empty line", path.c_str());
 }
 

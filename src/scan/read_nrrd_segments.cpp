@@ -1,6 +1,6 @@
-/* Segmentations of 3D Slicer (.seg.nrrd): NRRD with a label map, or with several of them as layers, and a description
- * of every segment in "SegmentN_...:=" lines (Libs/MRML/Core/vtkMRMLSegmentationStorageNode.h). The origin of the file
- * is that of the cropped voxels, so that Segmentation_ReferenceImageExtentOffset and SegmentN_Extent are not needed. */
+/* Segmentations of 3D Slicer (.seg.nrrd, Libs/MRML/Core/vtkMRMLSegmentationStorageNode.h). They are NRRD files with one
+ * or several layers of labels. "SegmentN_...:=" lines describe every segment. Space origin is the position of the first
+ * cropped voxel, so that Segmentation_ReferenceImageExtentOffset and SegmentN_Extent are not needed. */
 #include "scan/read_nrrd.h"
 #include "scan/read_segments.h"
 
@@ -183,7 +183,7 @@ private:
         const size_t count = pliant_geometry_voxels(&header.geometry), total = count * layers_.count;
         const std::unique_ptr<byte_stream> stream = data_.open();
         std::vector<Number> block(std::min<size_t>(total, 1 << 16));
-        segment_painter painter(segments, voxels);
+        segment_painter painter(segments, count, voxels);
         size_t nameless = 0, nameless_value = 0;
         for (size_t done = 0; done < total; done += block.size()) {
             block.resize(std::min(block.size(), total - done));
@@ -200,7 +200,7 @@ private:
             }
         }
         stream->finish();
-        painter.finish(path_, count);
+        painter.finish(path_);
         if (nameless > 0)
             pliant_log(PLIANT_LOG_WARNING,
                        "%s: %zu voxels have values that are no segment's (no SegmentN_LabelValue is %zu, for example): "

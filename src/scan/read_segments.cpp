@@ -27,22 +27,22 @@ void number_segments(const std::string &path, std::vector<pliant_label_segment> 
         (*segments)[n].label = unique ? (*segments)[n].value : static_cast<uint16_t>(n + 1);
 }
 
-void segment_painter::finish(const std::string &path, size_t count)
+void segment_painter::finish(const std::string &path)
 {
     std::vector<uint16_t> label(segments_.size() + 1, 0);
     for (size_t n = 0; n < segments_.size(); n++) label[n + 1] = segments_[n].label;
     size_t labelled = 0;
-    for (size_t v = 0; v < count; v++) {
+    for (size_t v = 0; v < count_; v++) {
         labelled += voxels_[v] != 0;
         voxels_[v] = label[voxels_[v]];
     }
     if (labelled == 0)
         pliant_log(PLIANT_LOG_WARNING, "%s: an empty segmentation: none of its %zu segments has a voxel", path.c_str(),
                    segments_.size());
-    size_t voxels = 0, listed = 0;
+    const size_t voxels = static_cast<size_t>(std::count(is_shared_.begin(), is_shared_.end(), true));
+    size_t listed = 0;
     std::string pairs;
     for (const auto &one : overlaps_) {
-        voxels += one.second;
         if (listed++ < 8)
             pairs += std::string(pairs.empty() ? "" : ", ") + segments_[static_cast<size_t>(one.first.second)].name +
                      " over " + segments_[static_cast<size_t>(one.first.first)].name + " in " +

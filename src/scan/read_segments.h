@@ -1,9 +1,10 @@
-/* What the readers of segmentations share: segments, and the label map that they make. */
+/* The readers of segmentations share these functions: they number segments and paint them into a label map. */
 #ifndef PLIANT_SCAN_READ_SEGMENTS_H
 #define PLIANT_SCAN_READ_SEGMENTS_H
 
 #include "scan/read.h"
 
+#include <algorithm>
 #include <map>
 #include <utility>
 
@@ -16,26 +17,35 @@ void set_text(const std::string &text, char (&out)[64]);
 void number_segments(const std::string &path, std::vector<pliant_label_segment> *segments);
 
 /* Segments put one by one into a label map, which is zero at first. Where they overlap the later segment of the list
- * wins, in whatever order they come. */
+ * wins; the order of the calls does not matter. */
 class segment_painter {
 public:
-    segment_painter(const std::vector<pliant_label_segment> &segments, uint16_t *voxels)
-        : segments_(segments), voxels_(voxels)
+    segment_painter(const std::vector<pliant_label_segment> &segments, size_t count, uint16_t *voxels)
+        : segments_(segments), count_(count), voxels_(voxels)
     {
     }
     void put(size_t voxel, size_t segment)
     {
         const uint16_t next = static_cast<uint16_t>(segment + 1), there = voxels_[voxel];
-        if (there != 0 && there != next) overlaps_[{std::min(there, next) - 1, std::max(there, next) - 1}]++;
+        if (there != 0 && there != next) overlap(voxel, std::min(there, next) - 1, std::max(there, next) - 1);
         if (next > there) voxels_[voxel] = next;
     }
     /* Change positions to labels; log overlaps. */
-    void finish(const std::string &path, size_t count);
+    void finish(const std::string &path);
 
 private:
     const std::vector<pliant_label_segment> &segments_;
+    size_t count_;
     uint16_t *voxels_; /* position of the segment, from 1 */
     std::map<std::pair<int, int>, size_t> overlaps_; /* voxels of the earlier segment that the later one takes */
+    std::vector<bool> is_shared_;                    /* by several segments; empty: none is */
+
+    void overlap(size_t voxel, int earlier, int later)
+    {
+        if (is_shared_.empty()) is_shared_.resize(count_, false);
+        is_shared_[voxel] = true;
+        overlaps_[{earlier, later}]++;
+    }
 };
 
 } // namespace pliant_read

@@ -4,6 +4,7 @@
 #include "base/threads.h"
 #include "fem/dynamics/tled.h"
 #include "fem/system.h"
+#include "material/names.h"
 #include "pliant/memory.h"
 #include "sim/build/discretization.h"
 #include "scene/elements.h"
@@ -57,6 +58,7 @@ static pliant_status classify(builder *build)
     model->material_of_voxel = pliant_calloc(pliant_geometry_voxels(&model->scan->geometry), 1);
     if (!model->material_of_voxel) return pliant_fail_memory("the material of every voxel");
     pliant_status status = pliant_material_classify(&model->materials, model->scan, build->labels, model->material_of_voxel);
+    if (status == PLIANT_OK) status = pliant_material_log_usage(&model->materials, model->scan, build->labels, model->material_of_voxel);
     return status == PLIANT_OK && model->scene.warp.hide_empty ? hide_empty(model) : status;
 }
 
