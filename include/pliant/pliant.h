@@ -40,6 +40,7 @@
 #include "pliant/displacement.h"
 #include "pliant/save.h"
 #include "pliant/data.h"
+#include "pliant/state.h"
 #include "pliant/session.h"
 #include "pliant/render.h"
 #include "pliant/solid.h"

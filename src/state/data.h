@@ -97,6 +97,8 @@ typedef struct pliant_undo {
 
 typedef struct pliant_contact_search pliant_contact_search; /* room, and sides of parts on which the tissue is (src/sim/step/contact.c) */
 
+typedef struct pliant_rollback pliant_rollback; /* what a step returns to when it fails (src/sim/step/rollback.c) */
+
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
 
@@ -142,6 +144,8 @@ struct pliant_data {
     pliant_falling *falling;  /* Nullable: nothing has come off */
     /* UPSAMPLE, PATCH */
     double *positions;        /* (body->fine.num_nodes x 3) LPS [m]; written by every step */
+    /* OF A STEP THAT FAILS */
+    pliant_rollback *rollback; /* Nullable: there was no step yet */
     /* WARP */
     pliant_warp *warp;        /* Nullable: only when pliant_data_set_warp asked for it */
 

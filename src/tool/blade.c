@@ -104,7 +104,7 @@ static void free_edge(pliant_edge *edge)
     memset(edge, 0, sizeof *edge);
 }
 
-static pliant_status make_edge(int32_t count, double reach, pliant_edge *edge)
+pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge)
 {
     const size_t points = (size_t)count;
     edge->count = count;
@@ -192,7 +192,7 @@ pliant_status pliant_blade_begin(pliant_data *data, int index, double spacing, d
 {
     pliant_tool *tool = data->tools + index;
     pliant_blade *blade = &tool->blade;
-    pliant_status status = make_edge((int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, reach, &blade->edge);
+    pliant_status status = pliant_edge_create((int32_t)fmin(fmax(ceil(pliant_blade_length(blade) / spacing), 1), MOST_POINTS - 1) + 1, reach, &blade->edge);
     if (status != PLIANT_OK) return status;
     pliant_blade_points(blade, tool->tip, tool->rotation, blade->edge.now);
     pliant_blade_settle(data, &blade->edge);
@@ -265,7 +265,7 @@ pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, 
     memset(&blade->edge, 0, sizeof blade->edge);
     if (!from->under_way) return PLIANT_OK;
     pliant_edge *edge = &blade->edge;
-    pliant_status status = make_edge(from->edge.count, from->edge.reach, edge);
+    pliant_status status = pliant_edge_create(from->edge.count, from->edge.reach, edge);
     if (status != PLIANT_OK) {
         blade->under_way = blade->drags = false;
         return status;

@@ -8,6 +8,9 @@
 extern "C" {
 #endif
 
+/* Arrays of so many points, all 0. *edge is overwritten; empty on errors. Errors: MEMORY. */
+pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge);
+
 bool pliant_blade_is_there(const pliant_blade *blade);
 double pliant_blade_length(const pliant_blade *blade); /* [m] */
 /* Begin a stroke with the edge where the tool is now, points at most `spacing` [m] apart, which go with tissue no more than `reach` [m] beside

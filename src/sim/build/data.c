@@ -14,6 +14,7 @@
 #include "sim/step/frame_parts.h"
 #include "sim/step/held.h"
 #include "sim/step/substeps.h"
+#include "sim/step/state.h"
 
 #include <string.h>
 
@@ -81,6 +82,7 @@ void pliant_data_free(pliant_data *data)
     pliant_contact_free(data);
     pliant_substeps_free(data);
     pliant_frame_parts_free(data);
+    pliant_rollback_free(data->rollback);
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);

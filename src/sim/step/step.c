@@ -12,6 +12,7 @@
 #include "sim/step/cut.h"
 #include "sim/step/frame_parts.h"
 #include "sim/step/held.h"
+#include "sim/step/state.h"
 #include "sim/step/substeps.h"
 #include "warp/device.h"
 
@@ -309,7 +310,8 @@ static pliant_status run_stages(const pliant_model *model, pliant_data *data, pl
         const bool goes_on = !whole && stage >= PLIANT_STEP_contact && stage <= PLIANT_STEP_upsample;
         if (goes_on) take_no_more(data);
         if (stage == PLIANT_STEP_contact && whole) data->statistics.seconds[PLIANT_STEP_patch] = 0;
-        pliant_status status = run_stage(model, data, stage, goes_on, parts->patched);
+        const pliant_status begun = stage == PLIANT_STEP_interact ? pliant_rollback_begin(model, data) : PLIANT_OK;
+        pliant_status status = begun < 0 ? begun : run_stage(model, data, stage, goes_on, parts->patched);
         if (stage == PLIANT_STEP_solve && status == PLIANT_ERROR_NUMERIC && pliant_frame_part_stays(model, data)) status = PLIANT_OK;
         if (stage == PLIANT_STEP_upsample && status >= 0 && (status = solve_again(model, data, parts, *caveat, &wrong)) >= 0) *caveat = status;
         data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
@@ -353,6 +355,7 @@ static pliant_status step(const pliant_model *model, pliant_data *data)
     if (status < 0) {
         pliant_substeps_undo(model, data, &parts);
         if (parts.at > 0) pliant_frame_undo(model, data);
+        pliant_rollback_undo(model, data);
         data->statistics.failed++;
         return status;
     }

@@ -1,0 +1,115 @@
+/* A step that fails leaves the state that it began with. */
+#include "sim/step/state.h"
+
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "base/room.h"
+#include "fem/patch/patch.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+
+#include <string.h>
+
+/* A grasp's arrays, which a step frees where the tissue slips out of it. */
+typedef struct spare { int32_t room, *held; double *weight; } spare;
+
+struct pliant_rollback {
+    pliant_state state;
+    bool begun;       /* in this step */
+    bool opened;      /* it was the first step after a cut (pliant_solver.opened) */
+    bool has_tissue;  /* the arrays of the tissue are in it */
+    spare spare[PLIANT_MAX_TOOLS];
+};
+
+/* On a GPU, the host has the positions of the step before until the step ends, unless the host moves nodes itself or contact needs them. */
+static bool may_change(const pliant_data *data)
+{
+    return data->backend->on_host || (data->solver && (pliant_host_moves(data) || data->contact_search));
+}
+
+static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++) {
+        spare *of = rollback->spare + t;
+        const int32_t count = data->tools[t].num_held;
+        if (count <= of->room) continue;
+        if (!pliant_grow(&of->held, (size_t)count, sizeof *of->held) || !pliant_grow(&of->weight, (size_t)count, sizeof *of->weight)) return false;
+        of->room = count;
+    }
+    return true;
+}
+
+pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data)
+{
+    if (!data->rollback && !(data->rollback = pliant_calloc(1, sizeof *data->rollback))) return pliant_fail_memory("what a step begins with");
+    pliant_rollback *rollback = data->rollback;
+    rollback->begun = false;
+    rollback->has_tissue = may_change(data);
+    rollback->opened = data->solver && data->solver->opened;
+    if (!reserve_spares(rollback, data)) return pliant_fail_memory("what a step begins with");
+    const pliant_state_parts parts = {.tissue = rollback->has_tissue};
+    const pliant_status status = pliant_state_save_parts(model, data, &parts, &rollback->state);
+    rollback->begun = status == PLIANT_OK;
+    return status;
+}
+
+static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
+{
+    pliant_tool *tool = data->tools + t;
+    const pliant_tool now = *tool;
+    *tool = rollback->state.tools[t];
+    tool->shape = now.shape;
+    tool->blade.edge = now.blade.edge; /* which only the cut stage changes */
+    tool->held = now.held;
+    tool->weight = now.weight;
+    if (now.num_held != tool->num_held) { /* it has slipped off */
+        spare *of = rollback->spare + t;
+        pliant_free(now.held);
+        pliant_free(now.weight);
+        tool->held = of->held;
+        tool->weight = of->weight;
+        *of = (spare){.room = 0};
+    }
+    pliant_state_grasp(&rollback->state, t, tool->held, tool->weight);
+}
+
+/* Once all tools are as they were. */
+static void undo_pull(const pliant_state *state, pliant_data *data, int t)
+{
+    pliant_handle *handle = pliant_patch_solver(data, t)->handles + t;
+    data->tools[t].attached = data->tools[t].attached && handle->active; /* or it is attached again in the next step */
+    memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
+}
+
+void pliant_rollback_undo(const pliant_model *model, pliant_data *data)
+{
+    pliant_rollback *rollback = data->rollback;
+    if (!rollback || !rollback->begun) return;
+    rollback->begun = false;
+    pliant_state *state = &rollback->state;
+    const pliant_state_contact contact = {.points = data->contacts, .search = data->contact_search};
+    for (int t = 0; t < data->num_tools; t++) undo_tool(rollback, data, t);
+    data->contacts = state->contact[0].points;
+    data->contact_search = state->contact[0].search;
+    state->contact[0] = contact;
+    data->statistics = state->statistics;
+    if (rollback->has_tissue) pliant_state_put(state, data);
+    if (data->solver) {
+        data->solver->opened = rollback->opened;
+        (void)pliant_solver_touch(data->solver, NULL, NULL, NULL);
+        for (int t = 0; t < data->num_tools; t++) undo_pull(state, data, t);
+        if (rollback->has_tissue && pliant_patch_serves(data) > 0) pliant_patch_moved(data, data->positions);
+    }
+    (void)pliant_backend_restart(model, data); /* or the CPU continues, which cannot fail */
+}
+
+void pliant_rollback_free(pliant_rollback *rollback)
+{
+    if (!rollback) return;
+    pliant_state_clear(&rollback->state);
+    for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
+        pliant_free(rollback->spare[t].held);
+        pliant_free(rollback->spare[t].weight);
+    }
+    pliant_free(rollback);
+}

@@ -1,0 +1,116 @@
+/* The simulation state (pliant/state.h): what a step changes and what cannot be recomputed. All else in pliant_data is the model, the topology, or a
+ * buffer. Both backends keep the state of a finished step on the host (a GPU's step ends with its positions there), so that one implementation
+ * serves both: a GPU reads a restored state by its restart (backend/backend.h). */
+#ifndef PLIANT_SIM_STATE_H
+#define PLIANT_SIM_STATE_H
+
+#include "fem/rigid/pieces.h"
+#include "pliant/state.h"
+#include "state/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Arrays of the state. A simulation that does not have one leaves it empty.
+ * fine nodes: of the body. solved nodes: of the coarse mesh. blocks: LANES elements each, pliant_tled_blocks().
+ * pieces, piece nodes, joints: of body->pieces. held nodes, edge points: of all tools, one tool after the other. */
+#define PLIANT_STATE_ARRAYS(X)                                                                                              \
+    X(double, positions)       /* (fine nodes x 3) LPS [m] */                                                               \
+    X(double, solved)          /* quasi-static: (solved nodes x 3) positions of the mesh that is solved, rigid pieces where they came off [m] */ \
+    X(double, displacement)    /* explicit: (fine nodes x 3) from rest [m] */                                               \
+    X(double, increment)       /* explicit: (fine nodes x 3) of the displacement in the last sub-step: velocity times time_step [m] */ \
+    X(float, relaxed)          /* explicit, Prony: (blocks x 6 PLIANT_PRONY_TERMS x LANES) overstress that has relaxed, volume times stress [N m] */ \
+    X(piece, pieces)           /* (pieces) velocity [m/s], angular momentum [kg m^2/s], whether it rests or has stopped */      \
+    X(double, piece_positions) /* (piece nodes x 3) [m] */                                                                  \
+    X(double, piece_home)      /* (piece nodes x 3) where they were when the piece came off [m] */                          \
+    X(double, joints)          /* (joints x 3) where pieces hung in the last step [m] */                                    \
+    X(grip, grips)             /* tools that hold pieces */                                                                 \
+    X(int32_t, held)           /* (held nodes) fine nodes of grasps */                                                      \
+    X(double, held_weight)     /* (held nodes) their shares, sum 1 for each tool */                                         \
+    X(double, edge_place)      /* (edge points x 3) of blades in a stroke [m] */                                            \
+    X(int32_t, edge_tet)       /* (edge points) fine tetrahedron; -1: in no tissue */                                       \
+    X(double, edge_weight)     /* (edge points x 4) barycentric */                                                          \
+    X(int32_t, edge_beside)    /* (edge points) fine node that it goes with; -1: none */                                    \
+    X(double, edge_now)        /* (edge points x 3) where the blade is [m] */                                               \
+    X(double, edge_apart)      /* (edge points x 3) from that node [m] */                                                   \
+    X(const pliant_body *, undo) /* topologies before cuts, the latest last; each retained */
+
+typedef struct pliant_state_contact {
+    pliant_contacts points;        /* of the last step: forces [N], anchors [m], whether they have begun */
+    pliant_contact_search *search; /* Nullable: what the search for contacts keeps from step to step */
+} pliant_state_contact;
+
+/* Explicit dynamics, with the arrays above. */
+typedef struct pliant_state_dynamics {
+    int32_t substeps, halvings;  /* in a step; how often they were halved */
+    double time_step;            /* of a sub-step [s] */
+    double target[PLIANT_MAX_TOOLS][3];        /* where held points are pulled to [m] */
+    double passed[PLIANT_MAX_TOOLS][3];        /* where held points were one sub-step before the last [m] */
+    double passed_target[PLIANT_MAX_TOOLS][3]; /* their targets then [m] */
+    double passed_step;          /* time between that and the last sub-step [s] */
+    double quotient[4];          /* dynamic relaxation: pliant_substep_frequency */
+} pliant_state_dynamics;
+
+struct pliant_state {
+    /* MODEL, TOPOLOGY */
+    const pliant_model *model;   /* of the simulation that was saved, borrowed */
+    const pliant_body *body;     /* retained; NULL: nothing is saved */
+    uint64_t last_revision;      /* highest of a body so far */
+    int undo_tool;               /* as in pliant_undo */
+    uint64_t undo_stroke;
+    bool undo_told;
+    /* INPUT */
+    double gravity[3];           /* LPS [m/s^2] */
+    int iterations;              /* at most, in a step */
+    double tolerance;            /* of the largest displacement */
+    pliant_background_kind background;
+    /* TOOLS: input pose, pose of the last step, grasp, blade, forces [pliant_tool]. Their arrays are those below; shapes are retained */
+    int num_tools;
+    pliant_tool tools[PLIANT_MAX_TOOLS];
+    double grasp_force[PLIANT_MAX_TOOLS][3]; /* of the solver's springs, which the next step begins with [N] */
+    /* CONTACT: the second one is a buffer */
+    pliant_state_contact contact[2];
+    /* TISSUE */
+    pliant_state_dynamics dynamics;
+    double pieces_gravity[3];    /* of the last step of rigid pieces [m/s^2] */
+    bool pieces_told;            /* that one has left the volume that is drawn */
+    pliant_statistics statistics;
+#define PLIANT_STATE_ARRAY(type, name) struct { type *at; size_t count, room; } name;
+    PLIANT_STATE_ARRAYS(PLIANT_STATE_ARRAY)
+#undef PLIANT_STATE_ARRAY
+};
+
+/* ---- state_arrays.c: between the arrays of a state and those of a simulation of the same topology */
+typedef enum pliant_state_way { PLIANT_STATE_RESERVE, PLIANT_STATE_SAVE, PLIANT_STATE_RESTORE } pliant_state_way;
+/* RESERVE: capacity for what the simulation has, contents stay. SAVE: copy to the state. RESTORE: copy to the simulation. The undo array is the caller's, and
+ * of tools RESTORE copies nothing. false: out of memory, RESERVE alone.
+ * tissue: whether the arrays of the tissue are among them, or those of tools alone */
+bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way);
+/* Capacity for so many topologies to undo. false: out of memory */
+bool pliant_state_reserve_undo(pliant_state *state, size_t count);
+/* The arrays of a tool's grasp and blade: from the state to these of the same counts. */
+void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, double *weight);
+void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge);
+/* Scalars and arrays of the tissue, in a simulation of the state's topology; its backend must restart then. Tools and contacts are the caller's. */
+void pliant_state_put(const pliant_state *state, pliant_data *data);
+/* What is not an array, but for tools, contacts, and topology. */
+void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state);
+
+/* ---- state_save.c */
+typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts; /* which of them, beside the rest; topology: of now and to undo */
+/* As pliant_state_save, of some parts. */
+pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts, pliant_state *state);
+void pliant_state_clear(pliant_state *state); /* frees all that it holds */
+
+/* ---- rollback.c: a step that fails */
+/* After the cut stage, whose topology stays: keep what the step begins with. Errors: MEMORY (the step must not begin). */
+pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data);
+/* The step has failed: restore what it began with, without any allocation. Without a begin in this step: nothing. */
+void pliant_rollback_undo(const pliant_model *model, pliant_data *data);
+void pliant_rollback_free(pliant_rollback *rollback); /* Nullable */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

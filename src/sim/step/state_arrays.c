@@ -1,0 +1,230 @@
+#include "sim/step/state.h"
+
+#include "backend/backend.h"
+#include "base/room.h"
+#include "fem/dynamics/tled.h"
+#include "fem/patch/patch.h"
+#include "fem/quasistatic/solver.h"
+
+#include <string.h>
+
+typedef struct transfer { pliant_state_way way; bool has_memory; } transfer;
+
+/* at, count, room: of an array of the state; elements: number elements of the simulation's array. */
+static void move(transfer *work, void *at, size_t *count, size_t *room, size_t size, void *elements, size_t number)
+{
+    void *array; /* `at` points to a pointer of any type */
+    memcpy(&array, at, sizeof array);
+    switch (work->way) {
+    case PLIANT_STATE_RESERVE:
+        if (number <= *room || !work->has_memory) return;
+        work->has_memory = pliant_grow(at, number, size);
+        if (work->has_memory) *room = number;
+        return;
+    case PLIANT_STATE_SAVE:
+        *count = number;
+        if (number > 0 && elements) memcpy(array, elements, number * size);
+        return;
+    case PLIANT_STATE_RESTORE:
+        if (number > 0 && elements) memcpy(elements, array, number * size);
+        return;
+    }
+}
+#define MOVE(name, elements, number) \
+    move(work, &state->name.at, &state->name.count, &state->name.room, sizeof *state->name.at, elements, (size_t)(number))
+
+static void move_dynamics(transfer *work, pliant_state *state, pliant_data *data)
+{
+    pliant_tled *tled = data->tled;
+    const int32_t nodes = tled ? 3 * data->body->fine.num_nodes : 0;
+    const size_t blocks = tled && tled->memory ? (size_t)pliant_tled_blocks(tled->system) : 0;
+    MOVE(displacement, tled ? tled->u : NULL, nodes);
+    MOVE(increment, tled ? tled->d : NULL, nodes);
+    MOVE(relaxed, blocks > 0 ? &tled->memory[0][0][0] : NULL, blocks * 6 * PLIANT_PRONY_TERMS * LANES);
+}
+
+static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
+{
+    pliant_falling *falling = data->falling;
+    const pliant_pieces *pieces = falling ? falling->body->pieces : NULL;
+    const int32_t nodes = pieces ? 3 * pieces->start[pieces->count] : 0;
+    MOVE(pieces, falling ? falling->pieces : NULL, pieces ? pieces->count : 0);
+    MOVE(piece_positions, falling ? falling->x : NULL, nodes);
+    MOVE(piece_home, falling ? falling->home : NULL, nodes);
+    MOVE(joints, falling && pieces->num_joints > 0 ? falling->joint_at[0] : NULL, pieces ? 3 * pieces->num_joints : 0);
+    if (work->way != PLIANT_STATE_RESTORE) MOVE(grips, falling ? falling->grips : NULL, falling ? falling->num_grips : 0);
+    else if (falling) MOVE(grips, falling->grips, state->grips.count);
+}
+
+/* The arrays of all tools, one tool after the other. */
+static void gather_tools(pliant_state *state, const pliant_data *data)
+{
+    size_t h = 0, p = 0;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool *tool = data->tools + t;
+        const pliant_edge *edge = &tool->blade.edge;
+        const size_t held = (size_t)tool->num_held, points = (size_t)edge->count;
+        if (held > 0) {
+            memcpy(state->held.at + h, tool->held, held * sizeof *tool->held);
+            memcpy(state->held_weight.at + h, tool->weight, held * sizeof *tool->weight);
+        }
+        if (points > 0) {
+            memcpy(state->edge_place.at + 3 * p, edge->place, 3 * points * sizeof *edge->place);
+            memcpy(state->edge_now.at + 3 * p, edge->now, 3 * points * sizeof *edge->now);
+            memcpy(state->edge_tet.at + p, edge->tet, points * sizeof *edge->tet);
+            memcpy(state->edge_weight.at + 4 * p, edge->weight, 4 * points * sizeof *edge->weight);
+            memcpy(state->edge_beside.at + p, edge->beside, points * sizeof *edge->beside);
+            memcpy(state->edge_apart.at + 3 * p, edge->apart, 3 * points * sizeof *edge->apart);
+        }
+        h += held;
+        p += points;
+    }
+    state->held.count = state->held_weight.count = h;
+    state->edge_tet.count = state->edge_beside.count = p;
+    state->edge_place.count = state->edge_now.count = state->edge_apart.count = 3 * p;
+    state->edge_weight.count = 4 * p;
+}
+
+static void reserve_tools(transfer *work, pliant_state *state, const pliant_data *data)
+{
+    size_t held = 0, points = 0;
+    for (int t = 0; t < data->num_tools; t++) {
+        held += (size_t)data->tools[t].num_held;
+        points += (size_t)data->tools[t].blade.edge.count;
+    }
+    MOVE(held, NULL, held);
+    MOVE(held_weight, NULL, held);
+    MOVE(edge_place, NULL, 3 * points);
+    MOVE(edge_now, NULL, 3 * points);
+    MOVE(edge_tet, NULL, points);
+    MOVE(edge_weight, NULL, 4 * points);
+    MOVE(edge_beside, NULL, points);
+    MOVE(edge_apart, NULL, 3 * points);
+}
+
+static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
+{
+    MOVE(positions, data->positions, 3 * data->body->fine.num_nodes);
+    MOVE(solved, data->solver ? data->solver->now.x : NULL, data->solver ? 3 * data->solver->system->mesh->num_nodes : 0);
+    move_dynamics(work, state, data);
+    move_pieces(work, state, data);
+}
+
+bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way)
+{
+    transfer only = {.way = way, .has_memory = true}, *work = &only;
+    if (tissue) move_tissue(work, state, data);
+    if (way == PLIANT_STATE_RESERVE) reserve_tools(work, state, data);
+    if (way == PLIANT_STATE_SAVE) gather_tools(state, data);
+    return only.has_memory;
+}
+
+bool pliant_state_reserve_undo(pliant_state *state, size_t count)
+{
+    transfer only = {.way = PLIANT_STATE_RESERVE, .has_memory = true}, *work = &only;
+    MOVE(undo, NULL, count);
+    return only.has_memory;
+}
+
+void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, double *weight)
+{
+    size_t h = 0;
+    const size_t count = (size_t)state->tools[tool].num_held;
+    for (int t = 0; t < tool; t++) h += (size_t)state->tools[t].num_held;
+    if (count == 0) return;
+    memcpy(held, state->held.at + h, count * sizeof *held);
+    memcpy(weight, state->held_weight.at + h, count * sizeof *weight);
+}
+
+void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge)
+{
+    size_t p = 0;
+    const size_t count = (size_t)state->tools[tool].blade.edge.count;
+    for (int t = 0; t < tool; t++) p += (size_t)state->tools[t].blade.edge.count;
+    if (count == 0) return;
+    memcpy(edge->place, state->edge_place.at + 3 * p, 3 * count * sizeof *edge->place);
+    memcpy(edge->now, state->edge_now.at + 3 * p, 3 * count * sizeof *edge->now);
+    memcpy(edge->tet, state->edge_tet.at + p, count * sizeof *edge->tet);
+    memcpy(edge->weight, state->edge_weight.at + 4 * p, 4 * count * sizeof *edge->weight);
+    memcpy(edge->beside, state->edge_beside.at + p, count * sizeof *edge->beside);
+    memcpy(edge->apart, state->edge_apart.at + 3 * p, 3 * count * sizeof *edge->apart);
+}
+
+/* ---- scalars */
+
+/* A solver of the fine mesh keeps the nodes of rigid pieces where they came off. */
+static void keep_pieces_home(const pliant_falling *falling, const pliant_system *system, double *solved)
+{
+    for (int32_t n = 0; falling && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
+        const double *home = pliant_falling_home(falling, n);
+        if (home) memcpy(solved + 3 * (size_t)n, home, 3 * sizeof *home);
+    }
+}
+
+void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state)
+{
+    const pliant_tled *tled = data->tled;
+    memcpy(state->gravity, data->gravity, sizeof state->gravity);
+    state->background = data->background.kind;
+    state->statistics = data->statistics;
+    for (int t = 0; data->solver && t < PLIANT_MAX_TOOLS; t++)
+        memcpy(state->grasp_force[t], pliant_patch_solver(data, t)->handles[t].force, sizeof state->grasp_force[t]);
+    if (data->solver) {
+        state->iterations = data->solver->rules.most_evaluations;
+        state->tolerance = data->solver->rules.tolerance;
+        if (tissue) keep_pieces_home(data->falling, data->solver->system, state->solved.at);
+    }
+    if (tled) {
+        pliant_state_dynamics *out = &state->dynamics;
+        state->iterations = tled->substeps;
+        state->tolerance = tled->tolerance;
+        out->substeps = tled->substeps;
+        out->halvings = tled->halvings;
+        out->time_step = tled->time_step;
+        out->passed_step = tled->passed_step;
+        memcpy(out->target, tled->target, sizeof out->target);
+        memcpy(out->passed, tled->passed, sizeof out->passed);
+        memcpy(out->passed_target, tled->passed_target, sizeof out->passed_target);
+        memcpy(out->quotient, tled->quotient, sizeof out->quotient);
+    }
+    if (data->falling) {
+        memcpy(state->pieces_gravity, data->falling->gravity, sizeof state->pieces_gravity);
+        state->pieces_told = data->falling->told;
+    }
+}
+
+static void put_dynamics(const pliant_state *state, pliant_tled *tled)
+{
+    const pliant_state_dynamics *from = &state->dynamics;
+    tled->substeps = from->substeps;
+    tled->halvings = from->halvings;
+    tled->time_step = from->time_step;
+    tled->tolerance = state->tolerance;
+    tled->passed_step = from->passed_step;
+    memcpy(tled->target, from->target, sizeof tled->target);
+    memcpy(tled->passed, from->passed, sizeof tled->passed);
+    memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
+    memcpy(tled->quotient, from->quotient, sizeof tled->quotient);
+}
+
+/* Nodes of pieces that have left the volume stay where they are. */
+static void stop_pieces(const pliant_state *state, pliant_data *data)
+{
+    const pliant_pieces *pieces = data->falling ? data->falling->body->pieces : NULL;
+    for (int32_t p = 0; pieces && data->tled->own_inverse_mass && p < pieces->count; p++)
+        if (state->pieces.at[p].gone) pliant_tled_stop(data->tled, pieces->start[p + 1] - pieces->start[p], pieces->node + pieces->start[p]);
+}
+
+void pliant_state_put(const pliant_state *state, pliant_data *data)
+{
+    if (data->tled) stop_pieces(state, data);
+    (void)pliant_state_arrays((pliant_state *)state, data, true, PLIANT_STATE_RESTORE); /* which writes to the simulation alone */
+    memcpy(data->gravity, state->gravity, sizeof data->gravity);
+    data->statistics = state->statistics;
+    if (data->tled) put_dynamics(state, data->tled);
+    if (data->solver) pliant_solver_moved(data->solver);
+    if (!data->falling) return;
+    memcpy(data->falling->gravity, state->pieces_gravity, sizeof data->falling->gravity);
+    data->falling->num_grips = (int)state->grips.count;
+    data->falling->told = state->pieces_told;
+}

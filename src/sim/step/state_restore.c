@@ -1,0 +1,173 @@
+/* Restore the simulation state: prepare a simulation as a load does, set it to the state, and swap the two. What only makes steps faster starts as after a
+ * load, and an error changes nothing. */
+#include "sim/step/state.h"
+
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+#include "scene/options.h"
+#include "sim/step/contact.h"
+#include "sim/step/held.h"
+#include "tool/blade.h"
+#include "tool/tool.h"
+#include "warp/device.h"
+
+#include <string.h>
+
+/* Meshes, voxels and factors are shared with the model by address: even a model of the same scene has others. */
+static pliant_status check_model(const pliant_model *model, const pliant_model *from)
+{
+    if (from == model) return PLIANT_OK;
+    char names[256];
+    const bool differ = pliant_scene_differs(&model->scene, &from->scene, names, sizeof names);
+    return pliant_fail(PLIANT_ERROR_ARGUMENT, "the state is of another model (%s): build the model once, and create both simulations from it",
+                       differ ? names : "of the same options");
+}
+
+pliant_status pliant_state_save(const pliant_model *model, pliant_data *data, pliant_state *state)
+{
+    const pliant_state_parts all = {.tissue = true, .topology = true};
+    if (check_model(model, data->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
+    pliant_account *before = pliant_account_use(NULL); /* a state is of no simulation */
+    const pliant_status status = pliant_state_save_parts(model, data, &all, state);
+    pliant_account_use(before);
+    return status;
+}
+
+static pliant_status put_tool(const pliant_state *state, int t, pliant_data *made)
+{
+    pliant_tool *tool = made->tools + t;
+    const int32_t count = state->tools[t].num_held;
+    const pliant_edge edge = state->tools[t].blade.edge;
+    *tool = state->tools[t];
+    made->num_tools = t + 1;
+    pliant_tool_shape_retain(&tool->shape);
+    tool->num_held = 0; /* until they are there */
+    tool->blade.edge = (pliant_edge){.count = 0};
+    pliant_status status = edge.count > 0 ? pliant_edge_create(edge.count, edge.reach, &tool->blade.edge) : PLIANT_OK;
+    if (status != PLIANT_OK || count == 0) return status;
+    tool->held = pliant_calloc((size_t)count, sizeof *tool->held);
+    tool->weight = pliant_calloc((size_t)count, sizeof *tool->weight);
+    if (!tool->held || !tool->weight) return pliant_fail_memory("a tool's hold");
+    tool->num_held = count;
+    return PLIANT_OK;
+}
+
+static pliant_status put_tools(const pliant_state *state, pliant_data *made)
+{
+    for (int t = 0; t < state->num_tools; t++) {
+        pliant_status status = put_tool(state, t, made);
+        if (status != PLIANT_OK) return status;
+        pliant_tool *tool = made->tools + t;
+        pliant_state_grasp(state, t, tool->held, tool->weight);
+        pliant_state_edge(state, t, &tool->blade.edge);
+        if (!made->solver || !tool->holding || !tool->attached) continue;
+        status = pliant_solver_hold(made->solver, t, tool->num_held, tool->held, tool->weight, made->positions);
+        if (status != PLIANT_OK) return status;
+        pliant_handle *handle = made->solver->handles + t;
+        handle->by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;
+        memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
+    }
+    return PLIANT_OK;
+}
+
+static pliant_status put_undo(const pliant_state *state, int32_t room, pliant_undo *to)
+{
+    if (state->undo.count == 0) return PLIANT_OK;
+    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body))) return pliant_fail_memory("what a cut can be undone by");
+    for (size_t b = 0; b < state->undo.count; b++) to->body[b] = pliant_body_retain(state->undo.at[b]);
+    to->count = (int32_t)state->undo.count;
+    to->tool = state->undo_tool;
+    to->stroke = state->undo_stroke;
+    to->told = state->undo_told;
+    return PLIANT_OK;
+}
+
+static pliant_status put_all(const pliant_model *model, const pliant_state *state, pliant_data *made)
+{
+    const pliant_data shell = {.contacts = state->contact[0].points, .contact_search = state->contact[0].search};
+    pliant_status status = pliant_data_set_body(model, made, state->body);
+    if (status != PLIANT_OK) return status;
+    pliant_state_put(state, made);
+    if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
+    status = put_tools(state, made);
+    if (status == PLIANT_OK) status = put_undo(state, model->scene.cut.undo, &made->undo);
+    if (status == PLIANT_OK) status = pliant_contact_copy(&shell, made);
+    if (status == PLIANT_OK) status = pliant_backend_restart(model, made);
+    made->last_revision = state->last_revision;
+    made->background.kind = state->background;
+    return status;
+}
+
+/* A simulation in that state. */
+static pliant_status make(const pliant_model *model, const pliant_state *state, pliant_account *account, pliant_data **out)
+{
+    pliant_data *made = NULL;
+    pliant_status status = pliant_data_create_for(model, account, &made);
+    if (status != PLIANT_OK) return status;
+    pliant_account *before = pliant_held_begin(made);
+    status = put_all(model, state, made);
+    pliant_held_end(made, before);
+    if (status >= 0) *out = made;
+    else pliant_data_free(made);
+    return status < 0 ? status : PLIANT_OK;
+}
+
+static pliant_status restore(const pliant_model *model, pliant_data *data, const pliant_state *state)
+{
+    pliant_data *made = NULL;
+    pliant_warp_next *warp = NULL;
+    pliant_status status = make(model, state, data->account, &made);
+    if (status == PLIANT_OK && data->warp) status = pliant_warp_prepare(data->warp, made->discretization->body, &warp);
+    if (status == PLIANT_OK) {
+        pliant_data old = *data;
+        if (warp) pliant_warp_take(old.warp, warp);
+        made->warp = old.warp;
+        made->rollback = old.rollback; /* its capacity */
+        old.warp = NULL;
+        old.rollback = NULL;
+        if (old.last_revision > made->last_revision) made->last_revision = old.last_revision; /* no two bodies share one */
+        *data = *made;
+        *made = old;
+    }
+    pliant_warp_next_free(warp);
+    pliant_data_free(made);
+    return status;
+}
+
+pliant_status pliant_state_restore(const pliant_model *model, pliant_data *data, const pliant_state *state)
+{
+    if (!state->body) return pliant_fail(PLIANT_ERROR_ARGUMENT, "the state is empty: save a simulation to it first (pliant_state_save)");
+    if (check_model(model, data->model) != PLIANT_OK || check_model(model, state->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
+    pliant_account *before = pliant_held_begin(data);
+    const pliant_status status = restore(model, data, state);
+    pliant_held_end(data, before);
+    return status;
+}
+
+/* ---- another simulation */
+
+pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out)
+{
+    pliant_state *state = NULL;
+    if (check_model(model, data->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
+    pliant_account *account = pliant_account_open();
+    pliant_status status = account ? pliant_state_create(&state) : pliant_fail_memory("the simulation state");
+    if (status == PLIANT_OK) status = pliant_state_save(model, data, state);
+    if (status == PLIANT_OK) status = make(model, state, account, out);
+    pliant_state_free(state);
+    pliant_account_close(account);
+    return status;
+}
+
+pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from)
+{
+    pliant_state *state = NULL;
+    if (check_model(model, from->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
+    pliant_status status = pliant_state_create(&state);
+    if (status == PLIANT_OK) status = pliant_state_save(model, from, state);
+    if (status == PLIANT_OK) status = pliant_state_restore(model, data, state);
+    pliant_state_free(state);
+    return status;
+}
