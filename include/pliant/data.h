@@ -112,14 +112,11 @@ PLIANT_API void pliant_data_free(pliant_data *data); /**< Nullable */
 /** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
 PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
 
-/** Another simulation of the model that goes on from where this one is: tissue and what moves in it, cuts and what can be undone, pieces that
- *  have come off, tools with their holds and blades, gravity, limits, statistics. What only makes the next steps faster (factors, what the
- *  solver has learned) begins anew, and there is no deformed volume until it is asked for. Of two copies the same steps give the same bits.
- *  Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (of another model). */
+/** Create another simulation of the model in this one's state (state.h). It has no deformed volume until pliant_data_set_warp. In two copies the
+ *  same steps give the same bits. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (of another model). */
 PLIANT_API pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out);
-/** This simulation becomes a copy of another one of its model, which stays as it is; its deformed volume follows. Both must be of the same
- *  pliant_model. A second model is another one, even if it has the same scan and scene. To be able to go back: copy
- *  it, take that copy at once, and again whenever it is to go back; the same bits follow each time. Errors (as it was before): as of pliant_data_copy. */
+/** Set this simulation to the state of another one of the same pliant_model: pliant_state_save and pliant_state_restore in one call. A second model of
+ *  the same scan and scene is another model. Errors: as of pliant_data_copy; after an error the simulation is as before. */
 PLIANT_API pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from);
 
 /** From now on another body is true: the next one, or one from before. What is derived from a body is made for it first, and only
@@ -186,7 +183,7 @@ typedef struct pliant_dynamics {
 PLIANT_API pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
 
 /** One step of the scene: cut, interact, contact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
- *  NUMERIC and MEMORY keep the state before the step. Positions are never NaN. */
+ *  NUMERIC and MEMORY restore the state before the step; a cut that the step has made stays. Positions are never NaN. */
 PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *data);
 
 /** A tool of this name, added if there is room. *index stays valid. Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */

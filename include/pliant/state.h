@@ -1,14 +1,15 @@
 /** @file state.h
- *  The simulation state: everything that a step changes and that cannot be recomputed. Save it, restore it, and the same steps follow.
+ *  The simulation state: everything that a step changes and that cannot be recomputed.
  *
- *  | in the state | not in the state: a restored simulation starts with it as a new one does |
- *  |---|---|
- *  | topology after cuts, and the topologies that an undo returns to | factors, and what the solver learned in earlier steps |
- *  | positions; in explicit dynamics velocities, relaxed stresses, number of sub-steps | patches (model/patch) and other work in the background |
- *  | contact points with forces and anchors | the deformed volume, which follows at the next step |
- *  | tools: poses, shapes, grasps, blades and their strokes | buffers |
- *  | rigid pieces: poses and velocities | |
- *  | gravity, limits of a step, statistics | |
+ *  The state contains:
+ *  - the topology after cuts, and the topologies that an undo returns to
+ *  - positions; in explicit dynamics also velocities, relaxed stresses and the number of sub-steps
+ *  - contact points with forces and anchors
+ *  - tools: poses, shapes, grasps, blades and strokes
+ *  - rigid pieces: poses and velocities
+ *  - gravity, the limits of a step, statistics
+ *
+ *  A restored simulation starts as a new one with everything else: factors, the solver's history, patches (model/patch), other work in the background.
  */
 #ifndef PLIANT_STATE_H
 #define PLIANT_STATE_H
@@ -29,9 +30,9 @@ PLIANT_API void pliant_state_free(pliant_state *state); /**< Nullable. Before th
  *  Errors: MEMORY, ARGUMENT (a simulation of another model). After an error the state is as before. */
 PLIANT_API pliant_status pliant_state_save(const pliant_model *model, pliant_data *data, pliant_state *state);
 
-/** Set a simulation to a saved state, as often as needed: the same steps give the same bits each time. The state may be of another simulation
- *  of the same pliant_model. The deformed volume follows at the next step. After save the simulation does not continue with the same bits as
- *  after restore, because it keeps its factors; restore at once where this matters.
+/** Set a simulation to a saved state, as often as needed. After each restore the same steps give the same bits. The state may be of another
+ *  simulation of the same pliant_model. The deformed volume follows at the next step. A simulation that was only saved keeps its factors, so its
+ *  next steps may differ from those after a restore by rounding and by the solver's tolerance. Restore it at once where this matters.
  *  Errors: ARGUMENT (an empty state; a state of another model), MEMORY, NUMERIC, SCENE. After an error the simulation is as before. */
 PLIANT_API pliant_status pliant_state_restore(const pliant_model *model, pliant_data *data, const pliant_state *state);
 

@@ -97,7 +97,7 @@ typedef struct pliant_undo {
 
 typedef struct pliant_contact_search pliant_contact_search; /* room, and sides of parts on which the tissue is (src/sim/step/contact.c) */
 
-typedef struct pliant_rollback pliant_rollback; /* what a step returns to when it fails (src/sim/step/rollback.c) */
+typedef struct pliant_rollback pliant_rollback; /* state at the begin of a step (src/sim/step/rollback.c) */
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */

@@ -1,4 +1,4 @@
-// The simulation state: what is saved is restored to the bit, the same steps follow from it each time, and a step that fails leaves it.
+// The simulation state: restore gives the saved bits, the same steps follow each time, and a failed step changes nothing.
 #include "body.h"
 #include "pliant/contact.h"
 #include "pliant/memory.h"
@@ -73,7 +73,7 @@ public:
         ASSERT_EQ(pliant_tool_set_pose(data, 0, grasped, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_pose(data, 1, pressed, nullptr), PLIANT_OK);
     }
-    // a grasp that pulls, and a ball that presses; pieces: one that falls, and one that hangs by the grasp
+    // A grasp pulls and a ball presses. After the cuts one piece falls and another hangs by the grasp.
     void begin(pliant_data *data) const
     {
         const double held[3] = {0.02, 0.02, 0.1};
@@ -140,11 +140,11 @@ std::string difference(const pliant_state &a, const pliant_state &b)
     add(a.num_tools == b.num_tools, "num_tools");
     for (int t = 0; t < std::min(a.num_tools, b.num_tools); t++) {
         pliant_tool s = a.tools[t], u = b.tools[t];
-        s.attached = u.attached = false; // of the solver, which may have to be told again
+        s.attached = u.attached = false; // the solver may attach it again
         add(std::memcmp(&s, &u, sizeof s) == 0, s.name);
     }
     pliant_statistics p = a.statistics, q = b.statistics;
-    p.bytes = q.bytes = p.failed = q.failed = 0; // not what the simulation is
+    p.bytes = q.bytes = p.failed = q.failed = 0; // not of the simulation
     std::fill(p.seconds, p.seconds + PLIANT_NUM_STEP_STAGES, 0.0);
     std::fill(q.seconds, q.seconds + PLIANT_NUM_STEP_STAGES, 0.0);
     add(std::memcmp(&p, &q, sizeof p) == 0, "statistics");
@@ -224,7 +224,7 @@ TEST_P(State, AStepThatFailsLeavesIt)
         pliant_memory_fail_after(-1);
         if (status >= 0) {
             if (n > 200) break;
-            continue; // whatever it did without that memory
+            continue; // it did not need that memory
         }
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY) << n << ": " << pliant_last_error();
         ASSERT_EQ(pliant_state_save(body_.model, data, other_), PLIANT_OK);

@@ -21,7 +21,7 @@ struct pliant_rollback {
     spare spare[PLIANT_MAX_TOOLS];
 };
 
-/* On a GPU, the host has the positions of the step before until the step ends, unless the host moves nodes itself or contact needs them. */
+/* A GPU's step leaves the host's arrays alone until it ends, unless the host moves nodes itself or contact needs their positions. */
 static bool may_change(const pliant_data *data)
 {
     return data->backend->on_host || (data->solver && (pliant_host_moves(data) || data->contact_search));
@@ -41,12 +41,12 @@ static bool reserve_spares(pliant_rollback *rollback, const pliant_data *data)
 
 pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data)
 {
-    if (!data->rollback && !(data->rollback = pliant_calloc(1, sizeof *data->rollback))) return pliant_fail_memory("what a step begins with");
+    if (!data->rollback && !(data->rollback = pliant_calloc(1, sizeof *data->rollback))) return pliant_fail_memory("the rollback of a step");
     pliant_rollback *rollback = data->rollback;
     rollback->begun = false;
     rollback->has_tissue = may_change(data);
     rollback->opened = data->solver && data->solver->opened;
-    if (!reserve_spares(rollback, data)) return pliant_fail_memory("what a step begins with");
+    if (!reserve_spares(rollback, data)) return pliant_fail_memory("the rollback of a step");
     const pliant_state_parts parts = {.tissue = rollback->has_tissue};
     const pliant_status status = pliant_state_save_parts(model, data, &parts, &rollback->state);
     rollback->begun = status == PLIANT_OK;

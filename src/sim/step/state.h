@@ -1,6 +1,6 @@
-/* The simulation state (pliant/state.h): what a step changes and what cannot be recomputed. All else in pliant_data is the model, the topology, or a
- * buffer. Both backends keep the state of a finished step on the host (a GPU's step ends with its positions there), so that one implementation
- * serves both: a GPU reads a restored state by its restart (backend/backend.h). */
+/* The simulation state (pliant/state.h). All else in pliant_data is the model, the topology, or a buffer.
+ * A GPU's step ends with its positions on the host. One implementation therefore serves both backends: a GPU reads a restored state by its restart
+ * (backend/backend.h). */
 #ifndef PLIANT_SIM_STATE_H
 #define PLIANT_SIM_STATE_H
 
@@ -12,9 +12,11 @@
 extern "C" {
 #endif
 
-/* Arrays of the state. A simulation that does not have one leaves it empty.
- * fine nodes: of the body. solved nodes: of the coarse mesh. blocks: LANES elements each, pliant_tled_blocks().
- * pieces, piece nodes, joints: of body->pieces. held nodes, edge points: of all tools, one tool after the other. */
+/* Arrays of the state. An array that a simulation does not need is empty. Their sizes:
+ * - fine nodes, pieces, piece nodes, joints: of the body
+ * - solved nodes: of the mesh that is solved
+ * - blocks: LANES elements each (pliant_tled_blocks)
+ * - held nodes, edge points: of all tools, one tool after the other */
 #define PLIANT_STATE_ARRAYS(X)                                                                                              \
     X(double, positions)       /* (fine nodes x 3) LPS [m] */                                                               \
     X(double, solved)          /* quasi-static: (solved nodes x 3) positions of the mesh that is solved, rigid pieces where they came off [m] */ \
@@ -38,12 +40,12 @@ extern "C" {
 
 typedef struct pliant_state_contact {
     pliant_contacts points;        /* of the last step: forces [N], anchors [m], whether they have begun */
-    pliant_contact_search *search; /* Nullable: what the search for contacts keeps from step to step */
+    pliant_contact_search *search; /* Nullable: memory of the contact search */
 } pliant_state_contact;
 
 /* Explicit dynamics, with the arrays above. */
 typedef struct pliant_state_dynamics {
-    int32_t substeps, halvings;  /* in a step; how often they were halved */
+    int32_t substeps, halvings;  /* in a step; number of halvings */
     double time_step;            /* of a sub-step [s] */
     double target[PLIANT_MAX_TOOLS][3];        /* where held points are pulled to [m] */
     double passed[PLIANT_MAX_TOOLS][3];        /* where held points were one sub-step before the last [m] */
@@ -81,11 +83,11 @@ struct pliant_state {
 #undef PLIANT_STATE_ARRAY
 };
 
-/* ---- state_arrays.c: between the arrays of a state and those of a simulation of the same topology */
+/* ---- state_arrays.c: copies between a state and a simulation of the same topology */
 typedef enum pliant_state_way { PLIANT_STATE_RESERVE, PLIANT_STATE_SAVE, PLIANT_STATE_RESTORE } pliant_state_way;
-/* RESERVE: capacity for what the simulation has, contents stay. SAVE: copy to the state. RESTORE: copy to the simulation. The undo array is the caller's, and
- * of tools RESTORE copies nothing. false: out of memory, RESERVE alone.
- * tissue: whether the arrays of the tissue are among them, or those of tools alone */
+/* RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE copies to the state. RESTORE copies to the simulation, but no
+ * arrays of tools. Return false when RESERVE is out of memory. The caller handles the undo array.
+ * tissue: false: arrays of tools alone */
 bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way);
 /* Capacity for so many topologies to undo. false: out of memory */
 bool pliant_state_reserve_undo(pliant_state *state, size_t count);
@@ -94,19 +96,19 @@ void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, doub
 void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge);
 /* Scalars and arrays of the tissue, in a simulation of the state's topology; its backend must restart then. Tools and contacts are the caller's. */
 void pliant_state_put(const pliant_state *state, pliant_data *data);
-/* What is not an array, but for tools, contacts, and topology. */
+/* Save the scalars. The caller saves tools, contacts and topology. */
 void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state);
 
 /* ---- state_save.c */
-typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts; /* which of them, beside the rest; topology: of now and to undo */
-/* As pliant_state_save, of some parts. */
+typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts; /* tissue: its arrays; topology: present and to undo */
+/* Save some parts of the state, and all of its scalars. Errors: MEMORY (the state stays as it is). */
 pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts, pliant_state *state);
-void pliant_state_clear(pliant_state *state); /* frees all that it holds */
+void pliant_state_clear(pliant_state *state); /* free all that it holds */
 
-/* ---- rollback.c: a step that fails */
-/* After the cut stage, whose topology stays: keep what the step begins with. Errors: MEMORY (the step must not begin). */
+/* ---- rollback.c: rollback of a failed step */
+/* Save the state after the cut stage, whose topology stays. Errors: MEMORY (the step must not continue). */
 pliant_status pliant_rollback_begin(const pliant_model *model, pliant_data *data);
-/* The step has failed: restore what it began with, without any allocation. Without a begin in this step: nothing. */
+/* Restore the state without any allocation. Do nothing if this step has not saved one. */
 void pliant_rollback_undo(const pliant_model *model, pliant_data *data);
 void pliant_rollback_free(pliant_rollback *rollback); /* Nullable */
 

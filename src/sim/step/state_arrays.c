@@ -10,7 +10,7 @@
 
 typedef struct transfer { pliant_state_way way; bool has_memory; } transfer;
 
-/* at, count, room: of an array of the state; elements: number elements of the simulation's array. */
+/* at, count, room: an array of the state. elements, number: the simulation's array. */
 static void move(transfer *work, void *at, size_t *count, size_t *room, size_t size, void *elements, size_t number)
 {
     void *array; /* `at` points to a pointer of any type */

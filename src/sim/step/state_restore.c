@@ -1,5 +1,5 @@
-/* Restore the simulation state: prepare a simulation as a load does, set it to the state, and swap the two. What only makes steps faster starts as after a
- * load, and an error changes nothing. */
+/* Restore the simulation state: prepare a simulation as a load does, set it to the state, and swap the two. So the factors and
+ * the solver's history start as after a load, and an error changes nothing. */
 #include "sim/step/state.h"
 
 #include "backend/backend.h"
@@ -75,7 +75,7 @@ static pliant_status put_tools(const pliant_state *state, pliant_data *made)
 static pliant_status put_undo(const pliant_state *state, int32_t room, pliant_undo *to)
 {
     if (state->undo.count == 0) return PLIANT_OK;
-    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body))) return pliant_fail_memory("what a cut can be undone by");
+    if (!(to->body = pliant_calloc((size_t)room, sizeof *to->body))) return pliant_fail_memory("the topologies to undo");
     for (size_t b = 0; b < state->undo.count; b++) to->body[b] = pliant_body_retain(state->undo.at[b]);
     to->count = (int32_t)state->undo.count;
     to->tool = state->undo_tool;

@@ -23,7 +23,7 @@ static void free_contact(pliant_state_contact *contact)
     pliant_contact_free(&shell);
 }
 
-/* What it shares with others. */
+/* Release topologies and shapes. */
 static void release(pliant_state *state)
 {
     for (int t = 0; t < state->num_tools; t++) pliant_tool_shape_free(&state->tools[t].shape);
@@ -68,7 +68,7 @@ static void swap_contact(pliant_state *state)
     state->contact[1] = contact;
 }
 
-/* The tools' arrays are those of the state. */
+/* Their arrays are in the state's arrays. */
 static void copy_tools(const pliant_data *data, pliant_state *state)
 {
     state->num_tools = data->num_tools;
