@@ -1,4 +1,5 @@
 /* Material tables: what is read, what is refused and with which words, and what a failing allocation leaves behind. */
+#include "material/names.h"
 #include "pliant/material.h"
 #include "pliant/memory.h"
 #include "pliant/session.h"
@@ -8,6 +9,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <string>
+#include <vector>
 
 namespace {
 
@@ -172,7 +174,7 @@ TEST(table, the_built_in_one_is_the_file_and_has_no_gaps)
 
 TEST(table, every_table_that_is_shipped_is_good)
 {
-    for (const char *name : {"abdomen_ct", "phantom", "totalsegmentator"}) {
+    for (const char *name : {"abdomen_ct", "phantom", "totalsegmentator", "totalsegmentator_mr", "totalsegmentator_liver_vessels"}) {
         Table t;
         std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + name + ".yaml";
         ASSERT_EQ(pliant_material_table_read(path.c_str(), &t), PLIANT_OK) << pliant_last_error();
@@ -183,6 +185,74 @@ TEST(table, every_table_that_is_shipped_is_good)
             EXPECT_LE(t.materials[m].poisson_ratio, 0.49) << name << " " << t.materials[m].name;
         }
         EXPECT_TRUE(air && bone) << name;
+    }
+}
+
+/* TotalSegmentator's classes by task, in the order of their ids (totalsegmentator/map_to_binary.py). */
+static std::vector<std::string> classes_of(const std::string &task)
+{
+    std::vector<std::string> names;
+    auto add = [&](std::initializer_list<const char *> more) { names.insert(names.end(), more.begin(), more.end()); };
+    auto both = [&](std::initializer_list<const char *> more, const char *first, const char *second) {
+        for (const char *name : more) names.insert(names.end(), {std::string(name) + first, std::string(name) + second});
+    };
+    if (task == "liver_vessels") return {"liver_vessels", "liver_tumor"};
+    add({"spleen", "kidney_right", "kidney_left", "gallbladder", "liver", "stomach", "pancreas", "adrenal_gland_right", "adrenal_gland_left"});
+    if (task == "total_mr") {
+        add({"lung_left", "lung_right", "esophagus", "small_bowel", "duodenum", "colon", "urinary_bladder", "prostate", "sacrum", "vertebrae",
+             "intervertebral_discs", "spinal_cord", "heart", "aorta", "inferior_vena_cava", "portal_vein_and_splenic_vein"});
+        both({"iliac_artery", "iliac_vena", "humerus", "scapula", "clavicula", "femur", "hip", "gluteus_maximus", "gluteus_medius", "gluteus_minimus",
+              "autochthon", "iliopsoas"},
+             "_left", "_right");
+        add({"brain"});
+        return names;
+    }
+    add({"lung_upper_lobe_left", "lung_lower_lobe_left", "lung_upper_lobe_right", "lung_middle_lobe_right", "lung_lower_lobe_right", "esophagus",
+         "trachea", "thyroid_gland", "small_bowel", "duodenum", "colon", "urinary_bladder", "prostate", "kidney_cyst_left", "kidney_cyst_right",
+         "sacrum", "vertebrae_S1"});
+    for (int n = 5; n >= 1; n--) names.push_back("vertebrae_L" + std::to_string(n));
+    for (int n = 12; n >= 1; n--) names.push_back("vertebrae_T" + std::to_string(n));
+    for (int n = 7; n >= 1; n--) names.push_back("vertebrae_C" + std::to_string(n));
+    add({"heart", "aorta", "pulmonary_vein", "brachiocephalic_trunk"});
+    both({"subclavian_artery", "common_carotid_artery"}, "_right", "_left");
+    both({"brachiocephalic_vein"}, "_left", "_right");
+    add({"atrial_appendage_left", "superior_vena_cava", "inferior_vena_cava", "portal_vein_and_splenic_vein"});
+    both({"iliac_artery", "iliac_vena", "humerus", "scapula", "clavicula", "femur", "hip"}, "_left", "_right");
+    add({"spinal_cord"});
+    both({"gluteus_maximus", "gluteus_medius", "gluteus_minimus", "autochthon", "iliopsoas"}, "_left", "_right");
+    add({"brain", "skull"});
+    for (const char *side : {"left", "right"})
+        for (int n = 1; n <= 12; n++) names.push_back(std::string("rib_") + side + "_" + std::to_string(n));
+    add({"sternum", "costal_cartilages"});
+    return names;
+}
+
+/* A class has the same material by its id in a label map and by its name in a segmentation. */
+TEST(table, classes_of_totalsegmentator_by_id_and_by_name)
+{
+    const struct {
+        const char *task, *file;
+        size_t classes;
+    } tasks[] = {{"total", "totalsegmentator", 117}, {"total_mr", "totalsegmentator_mr", 50}, {"liver_vessels", "totalsegmentator_liver_vessels", 2}};
+    for (const auto &task : tasks) {
+        Table t;
+        std::string path = std::string(PLIANT_SOURCE_DIR "/launch/materials/") + task.file + ".yaml";
+        ASSERT_EQ(pliant_material_table_read(path.c_str(), &t), PLIANT_OK) << pliant_last_error();
+        const std::vector<std::string> names = classes_of(task.task);
+        ASSERT_EQ(names.size(), task.classes);
+        size_t ids = 0;
+        for (uint32_t m = 0; m < t.num_materials; ++m) ids += t.materials[m].num_labels;
+        EXPECT_EQ(ids, names.size()) << task.task;
+        for (size_t n = 0; n < names.size(); ++n) {
+            pliant_label_segment segment = {};
+            segment.label = segment.value = uint16_t(n + 1);
+            std::snprintf(segment.name, sizeof segment.name, "%s", names[n].c_str());
+            const int by_name = pliant_material_of_segment(&t, &segment, nullptr);
+            std::snprintf(segment.name, sizeof segment.name, "Segment_1");
+            const int by_id = pliant_material_of_segment(&t, &segment, nullptr);
+            EXPECT_EQ(by_name, by_id) << task.task << " " << names[n];
+            EXPECT_GE(by_id, 0) << task.task << " " << names[n];
+        }
     }
 }
 
