@@ -97,7 +97,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(LENGTH, smallest, PLIANT_AUTO_LENGTH, 0.0, 1.0, "m^3", "pieces below this volume join their neighbours; auto: 1e-6, or 0.0005 of the scan's volume where that is less")
 #define PLIANT_SCENE_MATERIAL(X)                                                                                       \
     X(STRING, file, "", 0, 0, "", "material table (YAML), relative to the scene file; empty: the built-in one")       \
-    X(STRING, labels, "", 0, 0, "", "label map on the scan's grid; empty: intensity ranges only")                     \
+    X(STRING, labels, "", 0, 0, "", "label map, or segmentation whose segments name materials; empty: intensity ranges only") \
     X(BOOL, deformable_bone, false, 0, 1, "", "bone deforms instead of being fixed")                                  \
     X(STRING, slides, "", 0, 0, "", "materials that slide along all others, by name, with commas between: they are parted at load, as by cuts, and touch; with cut/kind: sever")
 #define PLIANT_SCENE_MESH(X)                                                                                           \

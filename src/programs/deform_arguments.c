@@ -17,6 +17,7 @@ static const char help[] =
     "  SCENE              scene file (YAML); without one every option has its default\n"
     "  --scan PATH        DICOM folder or multi-frame file, NIfTI, NRRD or MetaImage file; phantom or phantom:IxJxK for the\n"
     "                     built-in scan (default: phantom)\n"
+    "  --labels PATH      label map or segmentation (.seg.nrrd, DICOM SEG) of the scan: --set material/labels=PATH\n"
     "  --tools FILE       tool path (YAML), which may turn gravity too; without one only the scene's gravity acts\n"
     "  --out DIR          folder for the results; made if it is missing\n"
     "  --set OPTION=VALUE change a scene option, e.g. --set mesh/ratio=3; may be repeated\n"
@@ -59,11 +60,12 @@ static const char help[] =
     "\n"
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C (what was done so far is written).\n";
 
-enum { SCAN = 256, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, SEEN, DISPLACEMENT, TISSUE_DISPLACEMENT,
+enum { SCAN = 256, LABELS, TOOLS, OUT, SET, STEPS, EVERY, NO_VOLUME, PICTURES, CAMERA, RADIOGRAPH, SCALARS, COMPARE, SEEN, DISPLACEMENT, TISSUE_DISPLACEMENT,
        VTK, UNIT, QUIET, OPTIONS, HELP };
 
 static const struct option options[] = {
-    {"scan", required_argument, NULL, SCAN},   {"tools", required_argument, NULL, TOOLS},
+    {"scan", required_argument, NULL, SCAN},   {"labels", required_argument, NULL, LABELS},
+    {"tools", required_argument, NULL, TOOLS},
     {"out", required_argument, NULL, OUT},     {"set", required_argument, NULL, SET},
     {"steps", required_argument, NULL, STEPS}, {"every", required_argument, NULL, EVERY},
     {"no-volume", no_argument, NULL, NO_VOLUME}, {"pictures", no_argument, NULL, PICTURES},
@@ -175,9 +177,11 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
     out->seen = -INFINITY;
     out->unit = 1;
     *exit_code = EXIT_USAGE;
+    const char *labels = NULL;
     for (int code; (code = getopt_long(argc, argv, "", options, NULL)) != -1;)
         switch (code) {
         case SCAN: out->scan = optarg; break;
+        case LABELS: labels = optarg; break;
         case TOOLS: out->tools = optarg; break;
         case OUT: out->folder = optarg; break;
         case SET: break;
@@ -233,5 +237,9 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         fprintf(stderr, "%s needs the volume: leave --no-volume out\n", out->pictures ? "--pictures" : "--seen");
         return false;
     }
-    return command_line_scene(argc, argv, options, SET, &out->scene, exit_code);
+    if (!command_line_scene(argc, argv, options, SET, &out->scene, exit_code)) return false;
+    if (!labels || pliant_scene_set(&out->scene, "material/labels", labels) == PLIANT_OK) return true;
+    fprintf(stderr, "--labels: %s\n", pliant_last_error());
+    *exit_code = EXIT_USAGE;
+    return false;
 }
