@@ -45,7 +45,7 @@ class Calls:
         sim, number = self.pick(self.sims), self.pick([0.0, 0.01, 1.0, 50.0, -1.0, 1e300, np.nan])
         camera = np.eye(3) * [20, 20, 1], pliant.look_at(LIVER + [0.01, -0.2, 0], LIVER), (8, 6)
         return {"move": (self.point(), self.pick([None, [0, 0, 0, 1], [0, 0, 0, 0], self.random.normal(size=4)])), "grasp": (self.pick([None, self.point()]),),
-                "drive": (self.pick(["spring", "rigid", "force", "glue"]), self.pick([None, self.point()])), "spring": (number, number), "radius": (number,),
+                "displacement": (self.pick(["resample", "tissue", "itk"]),), "drive": (self.pick(["spring", "rigid", "force", "glue"]), self.pick([None, self.point()])), "spring": (number, number), "radius": (number,),
                 "blade": self.pick([("scalpel",), ("spoon",), (None, self.random.uniform(-0.01, 0.01, (2, 3)))]),
                 "shape": (self.pick(["probe", "spoon", None, "none.yaml"]), self.point()), "jaw": (number,), "cutting": (self.pick([True, False]),),
                 "cut": ([self.point(), self.point()], [0, 0.1, 0.01]), "restore": (sim,), "limits": (self.pick([1, 3, 0, -5]), number), "scalar": (self.pick(["von_mises", "volume_ratio", "contact_force"]),),

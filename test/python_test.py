@@ -84,6 +84,36 @@ class Python(unittest.TestCase):
         self.assertGreater((sim.volume().values != rest.values).sum(), 100)
         self.assertEqual(rest.intensities.dtype, np.float32)
 
+    def test_displacements_and_meshes_are_those_of_the_simulation(self):
+        sim = pliant.Sim(model=self.model)
+        pull(sim)
+        back, forth = sim.displacement(), sim.displacement("tissue")
+        volume = sim.volume()
+        np.testing.assert_allclose(back.origin, volume.origin, atol=1e-12)
+        self.assertEqual(back.mask.shape, volume.values.shape)
+        self.assertEqual(back.vectors.shape, volume.values.shape + (3,))
+        tissue = back.mask == 1
+        # the scan where the vectors point to, to the nearest voxel, is nearly the deformed volume
+        k, j, i = (grid[tissue] for grid in np.meshgrid(*(np.arange(n) for n in tissue.shape), indexing="ij"))
+        index = np.rint(np.stack([i, j, k], 1) + back.vectors[tissue] @ back.direction / back.spacing).astype(int)
+        index = np.clip(index, 0, np.array(tissue.shape[::-1]) - 1)
+        apart = np.abs(sim.model.scan.values[index[:, 2], index[:, 1], index[:, 0]].astype(float) - volume.values[tissue])
+        self.assertLess(np.median(apart), 10)
+        self.assertGreater(np.linalg.norm(forth.vectors, axis=-1).max(), 0.005)
+        with self.assertRaises(ValueError):
+            sim.displacement("itk")
+        with tempfile.TemporaryDirectory() as folder:
+            back.save(os.path.join(folder, "u.nii.gz"))
+            for name in ("mesh.vtu", "surface.vtp", "surface.ply", "deformed.nii.gz"):
+                self.assertIsNone(sim.save(os.path.join(folder, name), unit="mm"))
+            self.assertEqual(sorted(os.listdir(folder)), ["deformed.nii.gz", "mesh.vtu", "surface.ply", "surface.vtp", "u.nii.gz", "u_mask.nii.gz"])
+            header = pathlib.Path(folder, "mesh.vtu").read_bytes()[:3000].decode(errors="replace")
+            self.assertIn('NumberOfPoints="%d"' % len(sim.nodes), header)
+            self.assertIn("millimetres", header)
+            for path, unit, error in (("mesh.stl", "m", pliant.Error), ("mesh.vtu", "inch", ValueError), ("none/mesh.vtu", "m", pliant.Error)):
+                with self.assertRaises(error):
+                    sim.save(os.path.join(folder, path), unit=unit)
+
     def test_an_organ_is_drawn_alone_where_the_scene_says_so(self):
         scene, seen = os.path.join(HERE, "..", "launch", "scenes", "biopsy.yaml"), []
         for hide in (False, True):
@@ -318,7 +348,7 @@ class Python(unittest.TestCase):
                     member = getattr(of, name)
                     member(*calls.get(name, ()))
                 tested += 1
-        self.assertEqual(tested, 45)
+        self.assertEqual(tested, 46)
         for name, value in (("nodes", nodes), ("gravity", [0, 0, 0])):
             with self.assertRaisesRegex(pliant.Error, "this simulation is closed"):
                 setattr(sim, name, value)

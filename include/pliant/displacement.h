@@ -36,8 +36,7 @@ typedef struct pliant_displacement {
  *  interpolated trilinearly there, equals the deformed volume wherever the mask is PLIANT_MASK_TISSUE.
  *  @param body      of the model, or of a simulation of it (pliant_data_get_body)
  *  @param positions (body's fine.num_nodes x 3) LPS [m]
- *  @param target    sense RESAMPLE: the grid; NULL: the one of the deformed volume (pliant_warp_target, warp/margin). Sense TISSUE: not used,
- *                   the grid is the scan's
+ *  @param target    any grid; NULL: with sense RESAMPLE that of the deformed volume (pliant_warp_target, warp/margin), with sense TISSUE the scan's
  *  Errors: ARGUMENT (a position is not finite), MEMORY. */
 PLIANT_API pliant_status pliant_displacement_create(const pliant_model *model, const pliant_body *body, const double *positions,
                                                     pliant_displacement_sense sense, const pliant_geometry *target, pliant_displacement *out);

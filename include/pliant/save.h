@@ -34,7 +34,7 @@ extern "C" {
  *
  *  @param body           of the model, or of a simulation of it (pliant_data_get_body)
  *  @param positions      (body's fine.num_nodes x 3) LPS [m]
- *  @param contact_forces Nullable: (fine.num_nodes x 3) [N] (pliant_data_get_contact_forces)
+ *  @param contact_forces Nullable, and then there is no such array: (fine.num_nodes x 3) [N] (pliant_data_get_contact_forces)
  *  @param unit           of lengths in the file [m]: 1, or 1e-3 for millimetres. Forces and stresses keep N and Pa.
  *  Errors: ARGUMENT (ending, unit), FILE, MEMORY. A file that was there before is replaced at the end. */
 PLIANT_API pliant_status pliant_mesh_save(const char *path, const pliant_model *model, const pliant_body *body, const double *positions,

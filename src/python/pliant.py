@@ -28,7 +28,7 @@ else:
 
 Error = _c.Error
 
-__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Cut", "Contacts", "Picture", "look_at", "options", "version"]
+__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Displacement", "Cut", "Contacts", "Picture", "look_at", "options", "version"]
 
 
 def version():
@@ -194,6 +194,27 @@ def _volume_at(address):
     return Volume(values, told["geometry.origin"], told["geometry.spacing"], direction, told["slope"], told["intercept"], told["background"])
 
 
+class Displacement:
+    """A copy of a displacement field. vectors[k, j, i] LPS [m] at voxel (i, j, k), which lies where Volume says; mask[k, j, i]: 0 no tissue (the
+    vector is that of the nearest tissue), 1 tissue, 2 near a cut, where interpolation mixes the cut's two sides."""
+
+    def __init__(self, field):
+        self._field = field
+        size = [int(n) for n in field["geometry.size"][::-1]]
+        self.vectors, self.mask = _c.array(field["vectors"], "f", *size, 3), _c.array(field["mask"], "B", *size)
+        self.origin, self.spacing = field["geometry.origin"], field["geometry.spacing"]
+        self.direction = field["geometry.direction"].reshape(3, 3)
+        weakref.finalize(self, _free_displacement, field)
+
+    def save(self, path):
+        """Write the field [mm] as ITK and 3D Slicer read it (.nii.gz, .nii, .nrrd, .mha), and the mask to the same name with _mask."""
+        _c.call("displacement_write", os.fsencode(path), self._field.address)
+
+
+def _free_displacement(field):
+    _c.library.pliant_displacement_free(field.address)
+
+
 class Cut:
     """What a cut has severed: area at rest [m^2], links between voxels, pieces of tissue after it."""
 
@@ -315,11 +336,28 @@ class Sim:
         other._own(self.model, data.value, dict(self._tools))
         return other
 
-    def save(self):
-        """What it is now, for restore. It goes on as one that was restored, so that the same steps give the same bits each time."""
+    def save(self, path=None, unit="m"):
+        """Without a path: what it is now, for restore. It goes on as one that was restored, so that the same steps give the same bits each time.
+
+        With a path, write a file by its ending. .vtu: the mesh; .vtp, .ply: the surface (include/pliant/save.h lists the arrays); .nii.gz, .nii,
+        .nrrd, .mha: the deformed volume on the scan's grid. unit: of lengths in files of meshes, m or mm."""
+        if path is not None:
+            return self._write(os.fsencode(path), unit)
         saved = self.copy()
         self.restore(saved)
         return saved
+
+    def _write(self, path, unit):
+        if unit not in ("m", "mm"):
+            raise ValueError("unit %r: use 'm' or 'mm'" % (unit,))
+        if path.lower().endswith((b".nii", b".nii.gz", b".nrrd", b".mha")):
+            self.volume()
+            _c.call("volume_write", path, _c.library.pliant_warp_volume(self._held.warp))
+            return
+        forces = np.zeros((self._body()["fine.num_nodes"], 3))
+        _c.library.pliant_data_get_contact_forces(self._data, forces.ctypes.data)
+        _c.call("mesh_save", path, self.model._model, _c.library.pliant_data_get_body(self._data),
+                _c.library.pliant_data_get_positions(self._data, None), forces.ctypes.data, 1e-3 if unit == "mm" else 1.0)
 
     def restore(self, saved):
         """Become a copy of another simulation of the same Model, with its tools. Error: it is of another Model, even of one of the same scene."""
@@ -453,6 +491,21 @@ class Sim:
             held.body = _c.library.pliant_body_retain(body)
         _c.call("warp_update", held.warp, _c.library.pliant_data_get_positions(self._data, None))
         return _volume_at(_c.library.pliant_warp_volume(held.warp))
+
+    _senses = ("resample", "tissue")
+
+    def displacement(self, sense="resample"):
+        """The displacement of every voxel, on the scan's grid, as a Displacement.
+
+        resample: ITK's sense, from a voxel of volume() to where its tissue was at rest: a transform with it resamples the scan into volume().
+        tissue: from a voxel of the scan to where its tissue is."""
+        if sense not in self._senses:
+            raise ValueError("sense %r: one of %s" % (sense, ", ".join(self._senses)))
+        field = _c.Struct("pliant_displacement")
+        scan = _c.library.pliant_model_get_scan(self.model._model)  # begins with its geometry
+        _c.call("displacement_create", self.model._model, _c.library.pliant_data_get_body(self._data),
+                _c.library.pliant_data_get_positions(self._data, None), self._senses.index(sense), scan, field.address)
+        return Displacement(field)
 
     # PICTURES
     styles = ("threshold", "beneath", "ambient", "diffuse", "specular", "background")

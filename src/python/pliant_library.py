@@ -97,6 +97,9 @@ for _result, _name, *_arguments in (
         (_int, "view_create", _pointer, _pointer, _pointer), (None, "view_free", _pointer),
         (_int, "view_set", _pointer, _pointer, _pointer, _pointer), (_int, "view_render", _pointer, _pointer, _pointer, _pointer),
         (_int, "view_radiograph", _pointer, _pointer, _double, _pointer),
+        (_int, "volume_write", _text, _pointer), (_int, "mesh_save", _text, _pointer, _pointer, _pointer, _pointer, _double),
+        (None, "data_get_contact_forces", _pointer, _pointer), (_int, "displacement_create", _pointer, _pointer, _pointer, _int, _pointer, _pointer),
+        (_int, "displacement_write", _text, _pointer), (None, "displacement_free", _pointer),
         (_pointer, "body_retain", _pointer), (None, "body_release", _pointer)):
     declare(_result, _name, *_arguments)
 

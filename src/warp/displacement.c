@@ -116,15 +116,15 @@ static bool is_inside(const double barycentric[4])
 }
 
 /* The first tetrahedron that holds a voxel at rest owns it, as in the warp. */
-static void claim_voxels(const pliant_mesh *mesh, int32_t tet, const pliant_geometry *scan, int32_t *owner)
+static void claim_voxels(const pliant_mesh *mesh, int32_t tet, const pliant_geometry *grid, int32_t *owner)
 {
     int32_t low[3], high[3];
     for (int d = 0; d < 3; d++) low[d] = INT32_MAX, high[d] = -1;
     for (int v = 0; v < 4; v++) {
         double index[3];
-        pliant_geometry_to_index(scan, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + (size_t)v], index);
+        pliant_geometry_to_index(grid, mesh->rest + 3 * (size_t)mesh->tets[4 * (size_t)tet + (size_t)v], index);
         for (int d = 0; d < 3; d++) {
-            const double last = scan->size[d] - 1.0;
+            const double last = grid->size[d] - 1.0;
             const int32_t below = (int32_t)fmax(fmin(floor(index[d]), last), 0), above = (int32_t)fmax(fmin(ceil(index[d]), last), 0);
             low[d] = below < low[d] ? below : low[d];
             high[d] = above > high[d] ? above : high[d];
@@ -133,29 +133,45 @@ static void claim_voxels(const pliant_mesh *mesh, int32_t tet, const pliant_geom
     for (int32_t k = low[2]; k <= high[2]; k++)
         for (int32_t j = low[1]; j <= high[1]; j++)
             for (int32_t i = low[0]; i <= high[0]; i++) {
-                const size_t v = (size_t)i + (size_t)scan->size[0] * ((size_t)j + (size_t)scan->size[1] * (size_t)k);
+                const size_t v = (size_t)i + (size_t)grid->size[0] * ((size_t)j + (size_t)grid->size[1] * (size_t)k);
                 double world[3], barycentric[4];
                 if (owner[v] >= 0) continue;
-                pliant_geometry_to_world(scan, (const double[3]){i, j, k}, world);
+                pliant_geometry_to_world(grid, (const double[3]){i, j, k}, world);
                 pliant_mesh_barycentric(mesh, tet, world, barycentric);
                 if (is_inside(barycentric)) owner[v] = tet;
             }
 }
 
-static void find_owners(const pliant_body *body, const pliant_geometry *scan, int32_t *owner)
+/* The voxel of the scan that is nearest to a voxel of the grid. */
+static int32_t nearest_in_scan(const pliant_geometry *scan, const pliant_geometry *grid, size_t voxel)
 {
-    const size_t count = pliant_geometry_voxels(scan);
-    for (size_t v = 0; v < count; v++) owner[v] = body->cuts ? pliant_voxels_fragment(body->voxels, body->cuts, (int32_t)v) : -1;
-    for (int32_t t = 0; !body->cuts && t < body->fine.num_tets; t++) claim_voxels(&body->fine, t, scan, owner);
+    double index[3], world[3];
+    int32_t at[3];
+    find_voxel(grid, voxel, index);
+    pliant_geometry_to_world(grid, index, world);
+    pliant_geometry_to_index(scan, world, index);
+    for (int d = 0; d < 3; d++) at[d] = (int32_t)lrint(fmax(fmin(index[d], scan->size[d] - 1.0), 0));
+    return at[0] + scan->size[0] * (at[1] + scan->size[1] * at[2]);
 }
 
-static pliant_status move_voxels(const pliant_body *body, const double *positions, const uint8_t *near_cut, int num_threads, pliant_displacement *out)
+/* Fragments of a cut tetrahedron have its whole shape: a voxel of the scan belongs to one of them. */
+static void find_owners(const pliant_body *body, const pliant_geometry *scan, const pliant_geometry *grid, int32_t *owner)
+{
+    const size_t count = pliant_geometry_voxels(grid);
+    for (size_t v = 0; v < count; v++) owner[v] = -1;
+    for (int32_t t = 0; t < body->fine.num_tets; t++) claim_voxels(&body->fine, t, grid, owner);
+    for (size_t v = 0; body->cuts && v < count; v++)
+        if (owner[v] >= 0) owner[v] = pliant_voxels_fragment(body->voxels, body->cuts, nearest_in_scan(scan, grid, v));
+}
+
+static pliant_status move_voxels(const pliant_model *model, const pliant_body *body, const double *positions, const uint8_t *near_cut,
+                                 int num_threads, pliant_displacement *out)
 {
     const pliant_mesh *mesh = &body->fine;
     const size_t count = pliant_geometry_voxels(&out->geometry);
     int32_t *owner = pliant_calloc(count, sizeof *owner);
     if (!owner) return pliant_fail_memory("the displacement field");
-    find_owners(body, &out->geometry, owner);
+    find_owners(body, &model->scan->geometry, &out->geometry, owner);
 #pragma omp parallel for num_threads(num_threads) schedule(static)
     for (size_t v = 0; v < count; v++) {
         if (owner[v] < 0) continue;
@@ -217,15 +233,16 @@ static pliant_status fill(const pliant_model *model, const pliant_body *body, co
     const int num_threads = pliant_threads_of(model->scene.solver.threads);
     const bool resample = sense == PLIANT_DISPLACEMENT_RESAMPLE;
     pliant_surface *surface = NULL;
-    uint8_t *near_cut = pliant_calloc(pliant_geometry_voxels(scan), 1);
+    const pliant_geometry *at_rest = resample ? scan : &out->geometry;
+    uint8_t *near_cut = pliant_calloc(pliant_geometry_voxels(at_rest), 1);
     pliant_status status = near_cut ? PLIANT_OK : pliant_fail_memory("the displacement field");
     if (status == PLIANT_OK) status = pliant_surface_create(body, NULL, &surface);
-    if (status == PLIANT_OK) status = pliant_near_cut_mark(surface, body->fine.rest, scan, resample ? near_rest : near_field, near_cut, 1);
+    if (status == PLIANT_OK) status = pliant_near_cut_mark(surface, body->fine.rest, at_rest, resample ? near_rest : near_field, near_cut, 1);
     if (status == PLIANT_OK && resample) {
         status = find_rest_indices(model, body, positions, out);
         if (status == PLIANT_OK) indices_to_vectors(scan, near_cut, num_threads, out);
     } else if (status == PLIANT_OK) {
-        status = move_voxels(body, positions, near_cut, num_threads, out);
+        status = move_voxels(model, body, positions, near_cut, num_threads, out);
     }
     if (status == PLIANT_OK) status = extend(out);
     if (status == PLIANT_OK && resample)
@@ -245,7 +262,7 @@ pliant_status pliant_displacement_create(const pliant_model *model, const pliant
         if (!isfinite(positions[n]))
             return pliant_fail(PLIANT_ERROR_ARGUMENT, "the position of node %zu is not finite: there is no displacement field of it", n / 3);
     pliant_status status = PLIANT_OK;
-    if (sense == PLIANT_DISPLACEMENT_RESAMPLE && target) grid = *target;
+    if (target) grid = *target;
     else if (sense == PLIANT_DISPLACEMENT_RESAMPLE)
         status = pliant_warp_target(&model->scan->geometry, rest->rest, rest->num_nodes, model->scene.warp.margin, SIZE_MAX, &grid);
     if (status == PLIANT_OK) status = allocate(&grid, &field);

@@ -426,6 +426,25 @@ TEST_F(ConvertModel, PointsCarryDisplacementAndScalar)
     EXPECT_FLOAT_EQ(row[4], 2);
 }
 
+TEST(Convert, DisplacementsOfTissueAreACloud)
+{
+    float vectors[9] = {0, 0, 0, 0.1f, 0.2f, 0.3f, -0.1f, 0, 0};
+    uint8_t mask[3] = {PLIANT_MASK_NO_TISSUE, PLIANT_MASK_TISSUE, PLIANT_MASK_CUT};
+    pliant_displacement field = {{{1, 1, 3}, {1, 2, 3}, {0.1, 0.1, 0.5}, {1, 0, 0, 0, 1, 0, 0, 0, 1}}, vectors, mask};
+    sensor_msgs::PointCloud2 cloud;
+    displacement_message(field, &cloud);
+    ASSERT_EQ(cloud.fields.size(), 7u);
+    EXPECT_EQ(cloud.fields[5].name, "dz");
+    EXPECT_EQ(cloud.fields[6].offset, 24u);
+    ASSERT_EQ(cloud.width, 2u);
+    ASSERT_EQ(cloud.data.size(), 2u * 28);
+    EXPECT_EQ(cloud.row_step, 56u);
+    float row[14];
+    std::memcpy(row, cloud.data.data(), 56);
+    const float wanted[14] = {1, 2, 3.5f, 0.1f, 0.2f, 0.3f, 0, 1, 2, 4, -0.1f, 0, 0, 1};
+    for (int n = 0; n < 14; ++n) EXPECT_FLOAT_EQ(row[n], wanted[n]) << n;
+}
+
 TEST(Convert, WrenchIsTurnedIntoTheFrameOfThePose)
 {
     /* the frame is a quarter turn about z from the tissue: tissue x is its y */

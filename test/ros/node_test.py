@@ -19,7 +19,7 @@ from dynamic_reconfigure.srv import Reconfigure
 from geometry_msgs.msg import WrenchStamped
 from pliant.msg import MeshState, SimState, StepTiming, Volume
 from pliant.srv import LoadScan, Pick, SaveVolume
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Empty
 from std_srvs.srv import SetBool, Trigger
 
@@ -568,11 +568,34 @@ for line in sys.stdin:
             self.skipTest("this machine loads faster than it can be asked again")
         self.assertIn("busy", second.message)
 
+    def test_displacements_are_published_to_who_subscribes(self):
+        self.pull()
+        latest = Latest("displacement", PointCloud2)
+        self.addCleanup(latest.close)
+        cloud = wait_for(lambda: latest.message, "a displacement field")
+        self.assertEqual([field.name for field in cloud.fields], ["x", "y", "z", "dx", "dy", "dz", "cut"])
+        rows = numpy.frombuffer(cloud.data, numpy.float32).reshape(cloud.width, 7)
+        self.assertGreater(len(rows), 500)
+        moved = rows[numpy.linalg.norm(rows[:, 3:6], axis=1).argmax()]
+        self.assertLess(moved[4], -0.004)  # forwards, and near the tool
+        self.assertLess(numpy.linalg.norm(moved[:3] + moved[3:6] - self.tool.position), 0.04)
+        self.assertFalse(rows[:, 6].any())
+        self.node.goes_on()
+
     def test_save_volume(self):
         self.pull()
         answer = call("save_volume", SaveVolume, "pulled.nii.gz")
         self.assertTrue(answer.success, answer.message)
         self.assertGreater(os.path.getsize(self.folder + "/output/pulled.nii.gz"), 1000)
+        for path in ("mesh.vtu", "surface.vtp", "surface.ply"):
+            answer = call("save_volume", SaveVolume, path)
+            self.assertTrue(answer.success, answer.message)
+            self.assertGreater(os.path.getsize(self.folder + "/output/" + path), 1000)
+        for service, path in (("save_displacement", "u.nii.gz"), ("save_tissue_displacement", "v.nrrd")):
+            answer = call(service, SaveVolume, path)
+            self.assertTrue(answer.success, answer.message)
+            self.assertTrue(os.path.exists(self.folder + "/output/" + path.replace(".", "_mask.", 1)))
+            self.assertFalse(call(service, SaveVolume, "../" + path).success)
         for path in ("../pulled.nii.gz", "/tmp/pulled.nii.gz", "pulled.txt", ""):
             answer = call("save_volume", SaveVolume, path)
             self.assertFalse(answer.success, path)

@@ -158,6 +158,9 @@ void marker_message(const pliant_surface &surface, const double *positions, cons
  *  @param clearance of pliant_tool_clearance [m] */
 void tool_markers_message(const pliant_tool_state &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out);
+/** Convert a displacement field: a point for every voxel with tissue. Its fields are x, y, z (at rest), dx, dy, dz (the displacement) [m], and cut
+ *  (1 near a cut). Header is the caller's. */
+void displacement_message(const pliant_displacement &field, sensor_msgs::PointCloud2 *out);
 /** Nodes with fields x, y, z, displacement [m] and, where given, scalar. Header is the caller's. */
 void points_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
                     sensor_msgs::PointCloud2 *out);

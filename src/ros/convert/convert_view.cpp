@@ -151,6 +151,32 @@ void marker_message(const pliant_surface &surface, const double *positions, cons
     }
 }
 
+void displacement_message(const pliant_displacement &of, sensor_msgs::PointCloud2 *out)
+{
+    const size_t across = static_cast<size_t>(of.geometry.size[0]), down = static_cast<size_t>(of.geometry.size[1]);
+    out->fields.clear();
+    for (const char *name : {"x", "y", "z", "dx", "dy", "dz", "cut"}) field(name, &out->fields);
+    out->height = 1;
+    out->width = 0;
+    out->is_bigendian = false;
+    out->is_dense = true;
+    out->point_step = static_cast<uint32_t>(out->fields.size() * sizeof(float));
+    out->data.clear();
+    for (size_t v = 0; v < pliant_geometry_voxels(&of.geometry); ++v) {
+        if (of.mask[v] == PLIANT_MASK_NO_TISSUE) continue;
+        const double index[3] = {static_cast<double>(v % across), static_cast<double>(v / across % down), static_cast<double>(v / across / down)};
+        const float *vector = of.vectors + 3 * v;
+        double rest[3];
+        pliant_geometry_to_world(&of.geometry, index, rest);
+        const float row[7] = {static_cast<float>(rest[0]), static_cast<float>(rest[1]), static_cast<float>(rest[2]), vector[0], vector[1], vector[2],
+                              of.mask[v] == PLIANT_MASK_CUT ? 1.0f : 0.0f};
+        const uint8_t *bytes = reinterpret_cast<const uint8_t *>(row);
+        out->data.insert(out->data.end(), bytes, bytes + sizeof row);
+        ++out->width;
+    }
+    out->row_step = out->point_step * out->width;
+}
+
 void points_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
                     sensor_msgs::PointCloud2 *out)
 {

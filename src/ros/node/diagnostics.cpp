@@ -22,9 +22,11 @@ std::string host_name()
 } // namespace
 
 Diagnostics::Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation,
-                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper,
+                         Tools *tools, const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output,
+                         const DisplacementOutput *displacement_output, const Keeper *keeper,
                          const MasterWatch *master)
-    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), camera_output_(camera_output), keeper_(keeper), master_(master),
+    : state_(state), simulation_(simulation), tools_(tools), mesh_output_(mesh_output), volume_output_(volume_output), camera_output_(camera_output),
+      displacement_output_(displacement_output), keeper_(keeper), master_(master),
       updater_(handle, private_handle, private_handle.getNamespace())
 {
     updater_.setHardwareID(host_name());
@@ -117,7 +119,7 @@ void Diagnostics::master(diagnostic_updater::DiagnosticStatusWrapper &status)
 void Diagnostics::output(diagnostic_updater::DiagnosticStatusWrapper &status)
 {
     status.summary(DiagnosticStatus::OK, "what is wanted is published");
-    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(), keeper_->problem()})
+    for (const std::string &problem : {mesh_output_->problem(), volume_output_->problem(), camera_output_->problem(), displacement_output_->problem(), keeper_->problem()})
         if (!problem.empty()) status.mergeSummary(DiagnosticStatus::ERROR, problem);
     status.add("volumes held for slow subscribers [MB]", 1e-6 * static_cast<double>(volume_output_->stream().held_bytes()));
     status.add("largest error of sent volumes in motion [values of the scan]", volume_output_->stream().bound());

@@ -5,6 +5,7 @@
 #include "ros/node/keeper.h"
 #include "ros/sim/simulation.h"
 #include "ros/output/camera_output.h"
+#include "ros/output/displacement_output.h"
 #include "ros/output/volume_output.h"
 #include "ros/params/master_watch.h"
 
@@ -15,7 +16,8 @@ namespace pliant_ros {
 class Diagnostics {
 public:
     Diagnostics(ros::NodeHandle handle, ros::NodeHandle private_handle, State *state, Simulation *simulation, Tools *tools,
-                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output, const Keeper *keeper,
+                const MeshOutput *mesh_output, const VolumeOutput *volume_output, const CameraOutput *camera_output,
+                const DisplacementOutput *displacement_output, const Keeper *keeper,
                 const MasterWatch *master);
 
 private:
@@ -33,6 +35,7 @@ private:
     const MeshOutput *mesh_output_;
     const VolumeOutput *volume_output_;
     const CameraOutput *camera_output_;
+    const DisplacementOutput *displacement_output_;
     const Keeper *keeper_;
     const MasterWatch *master_;
     diagnostic_updater::Updater updater_;

@@ -22,11 +22,12 @@ struct Node::Parts {
           mesh_output(handle, parameters, &live, &snapshots),
           volume_output(handle, parameters, &live, &snapshots, &mesh_output),
           camera_output(handle, parameters, &snapshots, frames),
+          displacement_output(handle, parameters, &snapshots),
           simulation(handle, parameters, &state, &live, &tools, &fast_forces, &snapshots),
           services(handle, parameters, &state, &live, &sessions, &simulation, &mesh_output, &volume_output, &registration, frames),
           keeper(handle, parameters, &simulation, &sessions, &services, &registration),
           master(private_handle, [this] { live.store_again(); }),
-          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output, &keeper, &master)
+          diagnostics(handle, private_handle, &state, &simulation, &tools, &mesh_output, &volume_output, &camera_output, &displacement_output, &keeper, &master)
     {
         live.when_changed([this](const LiveSettings &settings) { sessions.set(settings); });
     }
@@ -45,6 +46,7 @@ struct Node::Parts {
     MeshOutput mesh_output;
     VolumeOutput volume_output;
     CameraOutput camera_output;
+    DisplacementOutput displacement_output;
     Simulation simulation;
     Services services;
     Keeper keeper;

@@ -18,6 +18,14 @@ float seconds_since(double start) { return static_cast<float>(pliant_seconds() -
 
 bool is_phantom(const std::string &path) { return path == "phantom" || path.compare(0, 8, "phantom:") == 0; }
 
+/* Whether the ending of a path is of a mesh. */
+bool is_of_mesh(const std::string &path)
+{
+    const size_t dot = path.rfind('.');
+    const std::string ending = dot == std::string::npos ? "" : path.substr(dot);
+    return ending == ".vtu" || ending == ".vtp" || ending == ".ply";
+}
+
 std::string size_text(const pliant_model &model)
 {
     const pliant_mesh &mesh = pliant_model_get_body(&model)->fine;
@@ -60,6 +68,10 @@ Services::Services(ros::NodeHandle handle, const Parameters &parameters, State *
     servers_.push_back(handle.advertiseService("recompute_homogenization", &Services::recompute, this));
     servers_.push_back(handle.advertiseService("set_materials", &Services::set_materials, this));
     servers_.push_back(handle.advertiseService("save_volume", &Services::save_volume, this));
+    servers_.push_back(handle.advertiseService<SaveVolume::Request, SaveVolume::Response>(
+        "save_displacement", [this](auto &request, auto &response) { return save_displacement(PLIANT_DISPLACEMENT_RESAMPLE, request, response); }));
+    servers_.push_back(handle.advertiseService<SaveVolume::Request, SaveVolume::Response>(
+        "save_tissue_displacement", [this](auto &request, auto &response) { return save_displacement(PLIANT_DISPLACEMENT_TISSUE, request, response); }));
     servers_.push_back(handle.advertiseService("pick", &Services::pick, this));
     servers_.push_back(handle.advertiseService("cut", &Services::cut, this));
     servers_.push_back(handle.advertiseService("undo_cut", &Services::undo_cut, this));
@@ -310,9 +322,30 @@ bool Services::save_volume(SaveVolume::Request &request, SaveVolume::Response &r
         std::string path, why;
         if (!confine_new(parameters_.output_root, name, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
         Snapshot now = simulation_->snapshot();
+        if (is_of_mesh(path)) {
+            check(pliant_mesh_save(path.c_str(), now.loaded->model, now.body.get(), now.positions.data(), nullptr, 1.0));
+            return "wrote " + path;
+        }
         Warped warped(now.loaded, now.body);
         warped.update(now.positions);
         check(pliant_volume_write(path.c_str(), &warped.volume()));
+        return "wrote " + path;
+    }, false);
+    return true;
+}
+
+bool Services::save_displacement(pliant_displacement_sense sense, SaveVolume::Request &request, SaveVolume::Response &response)
+{
+    const std::string service = sense == PLIANT_DISPLACEMENT_TISSUE ? "save_tissue_displacement" : "save_displacement";
+    response.success = work_.run(service, &response.message, [this, sense, name = request.path] {
+        std::string path, why;
+        if (!confine_new(parameters_.output_root, name, &path, &why)) throw Failure(PLIANT_ERROR_ARGUMENT, why);
+        Snapshot now = simulation_->snapshot();
+        pliant_displacement field{};
+        check(pliant_displacement_create(now.loaded->model, now.body.get(), now.positions.data(), sense, nullptr, &field));
+        const pliant_status status = pliant_displacement_write(path.c_str(), &field);
+        pliant_displacement_free(&field);
+        check(status);
         return "wrote " + path;
     }, false);
     return true;

@@ -58,6 +58,7 @@ private:
     bool recompute(RecomputeHomogenization::Request &request, RecomputeHomogenization::Response &response);
     bool set_materials(SetMaterials::Request &request, SetMaterials::Response &response);
     bool save_volume(SaveVolume::Request &request, SaveVolume::Response &response);
+    bool save_displacement(pliant_displacement_sense sense, SaveVolume::Request &request, SaveVolume::Response &response);
     bool pick(Pick::Request &request, Pick::Response &response);
     bool cut(CutLine::Request &request, CutLine::Response &response);
     bool undo_cut(std_srvs::Trigger::Request &request, std_srvs::Trigger::Response &response);

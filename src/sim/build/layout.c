@@ -1,6 +1,7 @@
 /* Fields and sizes of public structs, for bindings of other languages. */
 #include "pliant/contact.h"
 #include "pliant/data.h"
+#include "pliant/displacement.h"
 #include "pliant/layout.h"
 #include "pliant/render.h"
 
@@ -21,6 +22,9 @@ static const pliant_field_layout fields[] = {
     REALS(pliant_volume, geometry.direction), INTS(pliant_volume, encoding), FIELD(pliant_volume, slope, 'f', float),
     FIELD(pliant_volume, intercept, 'f', float), FIELD(pliant_volume, background, 'f', float), POINTER(pliant_volume, voxels), TEXT(pliant_volume, id),
     POINTER(pliant_labels, voxels),
+
+    INTS(pliant_displacement, geometry.size), REALS(pliant_displacement, geometry.origin), REALS(pliant_displacement, geometry.spacing),
+    REALS(pliant_displacement, geometry.direction), POINTER(pliant_displacement, vectors), POINTER(pliant_displacement, mask),
 
     TEXT(pliant_material, name), REALS(pliant_material, young_modulus), REALS(pliant_material, poisson_ratio), REALS(pliant_material, density),
     REALS(pliant_material, toughness), FLAG(pliant_material, fixed), FLAG(pliant_material, empty),
@@ -72,7 +76,7 @@ size_t pliant_layout_size(const char *of)
 {
 #define SIZE(name) {#name, sizeof(name)}
     static const struct { const char *name; size_t bytes; } sizes[] = {
-        SIZE(pliant_geometry), SIZE(pliant_volume), SIZE(pliant_labels), SIZE(pliant_material), SIZE(pliant_material_table),
+        SIZE(pliant_geometry), SIZE(pliant_volume), SIZE(pliant_labels), SIZE(pliant_displacement), SIZE(pliant_material), SIZE(pliant_material_table),
         SIZE(pliant_tet_material), SIZE(pliant_body), SIZE(pliant_statistics), SIZE(pliant_tool_state), SIZE(pliant_tool_shape), SIZE(pliant_contact), SIZE(pliant_cut_report),
         SIZE(pliant_scene), SIZE(pliant_camera), SIZE(pliant_c_arm), SIZE(pliant_style), SIZE(pliant_image),
     };

@@ -156,7 +156,6 @@ static pliant_status save_mesh(const saved *what)
                                 {VTK_CELLS, "types", VTK_UINT8, 1, a.cells, a.type},
                                 {VTK_POINT_DATA, "rest_position", VTK_FLOAT64, 3, nodes, a.rest},
                                 {VTK_POINT_DATA, "displacement", VTK_FLOAT32, 3, nodes, a.displacement},
-                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, nodes, a.force},
                                 {VTK_POINT_DATA, "fixed", VTK_UINT8, 1, nodes, what->body->fine_fixed},
                                 {VTK_CELL_DATA, "material", VTK_UINT16, 1, a.cells, a.material},
                                 {VTK_CELL_DATA, "material_fraction", VTK_FLOAT32, 1, a.cells, a.fraction},
@@ -164,9 +163,10 @@ static pliant_status save_mesh(const saved *what)
                                 {VTK_CELL_DATA, "piece", VTK_INT32, 1, a.cells, a.piece},
                                 {VTK_CELL_DATA, "stress", VTK_FLOAT32, 9, a.cells, a.stress},
                                 {VTK_CELL_DATA, "von_mises", VTK_FLOAT32, 1, a.cells, a.von_mises},
-                                {VTK_CELL_DATA, "strain", VTK_FLOAT32, 9, a.cells, a.strain}};
-    if (status == PLIANT_OK)
-        status = pliant_vtk_write(what->path, false, what->comment, nodes, a.cells, arrays, (int)(sizeof arrays / sizeof *arrays));
+                                {VTK_CELL_DATA, "strain", VTK_FLOAT32, 9, a.cells, a.strain},
+                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, nodes, a.force}}; /* the last one: it may be missing */
+    const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
+    if (status == PLIANT_OK) status = pliant_vtk_write(what->path, false, what->comment, nodes, a.cells, arrays, num_arrays);
     free_arrays(&a);
     return status;
 }
@@ -235,11 +235,11 @@ static pliant_status save_surface(const saved *what, const pliant_surface *surfa
                                 {VTK_CELLS, "offsets", VTK_INT32, 1, triangles, a.offset},
                                 {VTK_POINT_DATA, "rest_position", VTK_FLOAT64, 3, rows, a.rest},
                                 {VTK_POINT_DATA, "displacement", VTK_FLOAT32, 3, rows, a.displacement},
-                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, rows, a.force},
                                 {VTK_POINT_DATA, "material", VTK_UINT16, 1, rows, a.material},
-                                {VTK_CELL_DATA, "cut", VTK_UINT8, 1, triangles, a.cut}};
-    if (status == PLIANT_OK)
-        status = pliant_vtk_write(what->path, true, what->comment, rows, triangles, arrays, (int)(sizeof arrays / sizeof *arrays));
+                                {VTK_CELL_DATA, "cut", VTK_UINT8, 1, triangles, a.cut},
+                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, rows, a.force}}; /* the last one: it may be missing */
+    const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
+    if (status == PLIANT_OK) status = pliant_vtk_write(what->path, true, what->comment, rows, triangles, arrays, num_arrays);
     void *const blocks[] = {a.place, a.rest, a.displacement, a.force, a.material, a.corner, a.offset, a.cut};
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
     pliant_surface_points_free(&points);
