@@ -216,7 +216,7 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     const double strips[] = {0.012, -0.024, -0.02, 0.012, 0.024, -0.02, 0.012, 0.024, 0.02, 0.012, -0.024, 0.02,
                              -0.012, -0.024, -0.02, -0.012, 0.024, -0.02, -0.012, 0.024, 0, -0.012, -0.024, 0};
     const double point[3] = {0, 0, 0.012};
-    const picture_mesh shown = {&mesh, nodes, material, collided, strips, 2};
+    picture_mesh shown = {&mesh, nodes, material, collided, strips, 2, nullptr};
     ASSERT_EQ(picture_mesh_write(folder_, "", &shown, point), PLIANT_OK) << pliant_last_error();
     uint8_t rgb[3];
     char of_material[16];
@@ -229,6 +229,10 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     EXPECT_EQ(colour("mesh_axial", 0, swept, 0.02, PANEL), "ffffff");
     EXPECT_EQ(colour("mesh_axial", 0, swept, 0.98, PANEL), "ffffff");
     EXPECT_EQ(colour("mesh_axial", 0, 1 - swept, 0.98, PANEL), "000000") << "the other parallelogram lies below the plane";
+    const uint8_t colors[] = {1, 2, 3, 1, 2, 3, 1, 2, 3, 17, 34, 51}; // of segments
+    shown.colors = colors;
+    ASSERT_EQ(picture_mesh_write(folder_, "", &shown, point), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(colour("mesh_axial", 0, 0.1, 0.5, PANEL), "112233");
     const std::string absent = std::string(folder_) + "/absent";
     EXPECT_EQ(picture_mesh_write(absent.c_str(), "", &shown, point), PLIANT_ERROR_FILE);
     for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/mesh_" + std::string(plane.name) + ".png")).c_str());

@@ -93,8 +93,9 @@ TEST(SegmentNames, WhatDecides)
                  {segment_of("liver_tumor", "Segment_3", ""), -1, PLIANT_SEGMENT_UNKNOWN}};
     for (const auto &one : cases) {
         pliant_segment_match match;
-        EXPECT_EQ(pliant_material_of_segment(&held.table, &one.segment, &match), one.material) << one.segment.name;
+        EXPECT_EQ(pliant_segment_match_of(&held.table, &one.segment, &match), one.material) << one.segment.name;
         EXPECT_EQ(match, one.match) << one.segment.name;
+        EXPECT_EQ(pliant_material_of_segment(&held.table, &one.segment), one.material);
     }
 }
 

@@ -1,5 +1,4 @@
 /* Material tables: what is read, what is refused and with which words, and what a failing allocation leaves behind. */
-#include "material/names.h"
 #include "pliant/material.h"
 #include "pliant/memory.h"
 #include "pliant/session.h"
@@ -247,9 +246,9 @@ TEST(table, classes_of_totalsegmentator_by_id_and_by_name)
             pliant_label_segment segment = {};
             segment.label = segment.value = uint16_t(n + 1);
             std::snprintf(segment.name, sizeof segment.name, "%s", names[n].c_str());
-            const int by_name = pliant_material_of_segment(&t, &segment, nullptr);
+            const int by_name = pliant_material_of_segment(&t, &segment);
             std::snprintf(segment.name, sizeof segment.name, "Segment_1");
-            const int by_id = pliant_material_of_segment(&t, &segment, nullptr);
+            const int by_id = pliant_material_of_segment(&t, &segment);
             EXPECT_EQ(by_name, by_id) << task.task << " " << names[n];
             EXPECT_GE(by_id, 0) << task.task << " " << names[n];
         }

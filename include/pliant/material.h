@@ -62,6 +62,9 @@ PLIANT_API void pliant_material_table_free(pliant_material_table *table);
 PLIANT_API pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
                                                   const pliant_labels *labels, uint8_t *material_of_voxel);
 
+/** Return the index of the material that pliant_material_classify gives a segment, -1 if there is none. */
+PLIANT_API int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment);
+
 /** What a tetrahedron holds, summed over the voxels that it owns. */
 typedef struct pliant_tet_material {
     double lambda, mu;   /**< Lame parameters, mean over the voxels [Pa] */

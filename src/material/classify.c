@@ -44,7 +44,7 @@ static void fill(const pliant_material_table *table, const pliant_volume *scan, 
     const uint32_t num_segments = labels ? labels->num_segments : 0;
     memset(l->of_label, NONE, sizeof l->of_label);
     for (uint32_t s = 0; s < num_segments; ++s) {
-        const int material = pliant_material_of_segment(table, labels->segments + s, NULL);
+        const int material = pliant_material_of_segment(table, labels->segments + s);
         if (material >= 0) l->of_label[labels->segments[s].label] = (uint8_t)material;
     }
     for (uint32_t m = 0; m < table->num_materials; ++m) {

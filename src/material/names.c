@@ -102,7 +102,7 @@ static bool is_numbered(const char *name)
     return w.count == 0 || (rest && rest[strspn(rest, "0123456789")] == '\0');
 }
 
-int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match)
+int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match)
 {
     const struct {
         const char *name;
@@ -120,8 +120,14 @@ int pliant_material_of_segment(const pliant_material_table *table, const pliant_
         found = find_label(table, segment->value);
         how = PLIANT_SEGMENT_BY_VALUE;
     }
-    if (match) *match = found < 0 ? PLIANT_SEGMENT_UNKNOWN : how;
+    *match = found < 0 ? PLIANT_SEGMENT_UNKNOWN : how;
     return found;
+}
+
+int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment)
+{
+    pliant_segment_match match;
+    return pliant_segment_match_of(table, segment, &match);
 }
 
 /* Edits that make one name of the other (V. Levenshtein, Soviet Physics Doklady 10:707, 1966); 1 if one holds the other. */

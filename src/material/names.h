@@ -20,8 +20,8 @@ typedef enum pliant_segment_match {
     PLIANT_SEGMENT_BY_VALUE
 } pliant_segment_match;
 
-/* Return the index of a segment's material, -1: none. @param match Nullable, out */
-int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match);
+/* As pliant_material_of_segment. @param match out, what decided */
+int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match);
 
 /* Write the at most three names of a table that are nearest to a name: "liver, liver_vessels". */
 void pliant_nearest_names(const pliant_material_table *table, const char *name, char *out, size_t size);

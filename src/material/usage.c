@@ -43,7 +43,7 @@ static void add_segment(line *out, const pliant_material_table *table, const pli
 {
     char item[320];
     pliant_segment_match match;
-    pliant_material_of_segment(table, segment, &match);
+    pliant_segment_match_of(table, segment, &match);
     snprintf(item, sizeof item, "segment \"%s\" %llu%s%s%s", segment->name, voxels, decided_by(match),
              match == PLIANT_SEGMENT_BY_IDENTIFIER || match == PLIANT_SEGMENT_BY_TERMINOLOGY ? " " : "",
              match == PLIANT_SEGMENT_BY_IDENTIFIER    ? segment->identifier

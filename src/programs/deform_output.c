@@ -165,6 +165,19 @@ static int32_t swept_strips(const pliant_path *path, double after, double until,
     return count;
 }
 
+/* Materials have the colours of their segments, of the first one that has any. colors: (PLIANT_MAX_MATERIALS x 3), zero */
+static void segment_colors(const pliant_labels *labels, const pliant_material_table *table, uint8_t *colors)
+{
+    for (uint32_t s = 0; s < labels->num_segments; ++s) {
+        const pliant_label_segment *segment = &labels->segments[s];
+        const int material = pliant_material_of_segment(table, segment);
+        if (material < 0 || segment->color[0] < 0) continue;
+        uint8_t *color = colors + 3 * material;
+        if (color[0] || color[1] || color[2]) continue;
+        for (int c = 0; c < 3; ++c) color[c] = (uint8_t)(255.0f * segment->color[c] + 0.5f);
+    }
+}
+
 static pliant_status write_mesh(const deform_run *run, const char *number, long step, const double point[3])
 {
     const pliant_body *body = pliant_data_get_body(run->data);
@@ -175,12 +188,14 @@ static pliant_status write_mesh(const deform_run *run, const char *number, long 
     double *force = pliant_calloc((size_t)body->fine.num_nodes, 3 * sizeof *force);
     double *strips = pliant_calloc((size_t)num_strips + 1, 12 * sizeof *strips);
     pliant_status status = material && collided && force && strips ? PLIANT_OK : pliant_fail_memory("a picture of the mesh");
+    uint8_t colors[3 * PLIANT_MAX_MATERIALS] = {0};
+    segment_colors(&run->inputs->labels, &run->inputs->materials, colors);
     if (status >= 0) {
         for (size_t tet = 0; tet < num_tets; ++tet) material[tet] = (uint8_t)body->fine_material[tet].material;
         pliant_data_get_contact_forces(run->data, force);
         mark_collided(&body->fine, force, collided);
         swept_strips(&run->inputs->path, after, until, strips);
-        picture_mesh shown = {&body->fine, pliant_data_get_positions(run->data, NULL), material, collided, strips, num_strips};
+        picture_mesh shown = {&body->fine, pliant_data_get_positions(run->data, NULL), material, collided, strips, num_strips, colors};
         status = picture_mesh_write(run->folder, number, &shown, point);
     }
     pliant_free(material);

@@ -77,6 +77,13 @@ pliant_status picture_section(const picture_frame *frame, const double point[3],
     return PLIANT_OK;
 }
 
+static void material_colour(const picture_mesh *mesh, int material, uint8_t rgb[3])
+{
+    const uint8_t *own = mesh->colors ? mesh->colors + 3 * material : NULL;
+    if (own && (own[0] || own[1] || own[2])) memcpy(rgb, own, 3);
+    else picture_label_colour(material + 1, rgb);
+}
+
 static void colour_tets(const picture_frame *frame, const picture_mesh *mesh, const int32_t *section, uint8_t *rgb)
 {
     for (int32_t row = 0; row < frame->height; ++row)
@@ -87,7 +94,7 @@ static void colour_tets(const picture_frame *frame, const picture_mesh *mesh, co
                               (row + 1 < frame->height && section[at + (size_t)frame->width] != tet);
             if (tet < 0 || edge) continue;
             if (mesh->collided[tet]) memcpy(rgb + 3 * at, red, sizeof red);
-            else picture_label_colour(mesh->material[tet] + 1, rgb + 3 * at);
+            else material_colour(mesh, mesh->material[tet], rgb + 3 * at);
         }
 }
 

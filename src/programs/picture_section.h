@@ -23,10 +23,11 @@ typedef struct picture_mesh {
     const uint8_t *collided;     /* (mesh->num_tets) not 0: the tetrahedron is red */
     const double *strips;        /* (num_strips x 4 corners x 3) parallelograms that blades have swept, LPS [m] */
     int32_t num_strips;
+    const uint8_t *colors;       /* Nullable: (materials x 3) red, green, blue; black: picture_label_colour of index + 1 */
 } picture_mesh;
 
 /* Write folder/meshSUFFIX_axial.png, _coronal.png and _sagittal.png. Tetrahedra have dark edges and the colour of their
- * material (picture_label_colour of index + 1); collided tetrahedra are red. White lines show where strips are. The box of the positions fills a picture. Errors: FILE, MEMORY. */
+ * material; collided tetrahedra are red. White lines show where strips are. The box of the positions fills a picture. Errors: FILE, MEMORY. */
 pliant_status picture_mesh_write(const char *folder, const char *suffix, const picture_mesh *mesh,
                                  const double point[3]);
 
