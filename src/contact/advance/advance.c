@@ -25,7 +25,7 @@ void pliant_advance_free(pliant_advance *room)
     pliant_free(room->pair);
     pliant_free(room->order);
     pliant_free(room->motion);
-    pliant_free(room->is_near);
+    pliant_free(room->box);
     pliant_free(room->near);
     pliant_free(room);
 }

@@ -99,6 +99,8 @@ void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, plia
         out->reach = sign == 0 ? pliant_part_reach(&out->core, origin) : pliant_advance_length(leg->shape->joint) + out->jaw_reach;
         out->bend = out->turn * out->turn * out->reach + fabs(out->jaw) * (2 * out->turn + fabs(out->jaw)) * out->jaw_reach;
     }
+    out->speed = out->still ? 0 : out->turn * out->reach + fabs(out->jaw) * out->jaw_reach;
+    for (int n = 0; n <= PLIANT_ADVANCE_INTERVALS; n++) pliant_advance_motion_at(out, n == 0 ? 0.5 : (n - 0.5) / PLIANT_ADVANCE_INTERVALS, out->at + n);
     find_box(out);
 }
 

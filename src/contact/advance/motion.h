@@ -5,6 +5,14 @@
 #include "contact/advance/advance.h"
 #include "contact/shapes/shapes.h"
 
+/* The part's state at one time. */
+typedef struct pliant_advance_state {
+    pliant_pose pose;
+    double tip[3], joint[3], axis[3];
+} pliant_advance_state;
+
+enum { PLIANT_ADVANCE_INTERVALS = 4 };
+
 /* Vectors are in the scan's axes unless they say otherwise; rates are per leg. */
 typedef struct pliant_advance_motion {
     const pliant_advance_part *leg;
@@ -17,13 +25,9 @@ typedef struct pliant_advance_motion {
     double reach, jaw_reach;  /* largest distance of a point of the core from the tip, from the joint [m] */
     double bend;              /* largest acceleration of a point of the core [m] */
     double low[3], high[3];   /* box around the core throughout the leg */
+    double speed;             /* largest of a point of the core, apart from the tip's [m] */
+    pliant_advance_state at[1 + PLIANT_ADVANCE_INTERVALS]; /* at 1/2, and at the middles of equal intervals */
 } pliant_advance_motion;
-
-/* The part's state at one time. */
-typedef struct pliant_advance_state {
-    pliant_pose pose;
-    double tip[3], joint[3], axis[3];
-} pliant_advance_state;
 
 /* @param still the part stays in its first pose */
 void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out);

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-typedef struct box { double low[3], high[3]; } box;
+typedef pliant_advance_box box;
 
 /* ---- buffers */
 
@@ -26,7 +26,7 @@ static bool reserve(pliant_advance *room, int32_t triangles, int32_t parts)
         room->max_parts = parts;
     }
     if (triangles > room->max_triangles) {
-        if (!grow(&room->is_near, triangles, sizeof *room->is_near)) return false;
+        if (!grow(&room->box, triangles, sizeof *room->box)) return false;
         if (!grow(&room->near, triangles, sizeof *room->near)) return false;
         room->max_triangles = triangles;
     }
@@ -46,15 +46,19 @@ static bool reserve_pair(pliant_advance *room)
 
 /* ---- boxes */
 
+/* comparisons, since fmin and fmax are calls */
+static double lower(double a, double b) { return a < b ? a : b; }
+static double upper(double a, double b) { return a > b ? a : b; }
+
 static box box_of(const int32_t node[3], const double *from, const double *to)
 {
-    box out = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int c = 0; c < 3; c++)
-        for (int d = 0; d < 3; d++) {
-            const double a = from[3 * (size_t)node[c] + (size_t)d], b = to[3 * (size_t)node[c] + (size_t)d];
-            out.low[d] = fmin(out.low[d], fmin(a, b));
-            out.high[d] = fmax(out.high[d], fmax(a, b));
-        }
+    const double *a = from + 3 * (size_t)node[0], *b = from + 3 * (size_t)node[1], *c = from + 3 * (size_t)node[2];
+    const double *e = to + 3 * (size_t)node[0], *f = to + 3 * (size_t)node[1], *g = to + 3 * (size_t)node[2];
+    box out;
+    for (int d = 0; d < 3; d++) {
+        out.low[d] = lower(lower(lower(a[d], b[d]), lower(c[d], e[d])), lower(f[d], g[d]));
+        out.high[d] = upper(upper(upper(a[d], b[d]), upper(c[d], e[d])), upper(f[d], g[d]));
+    }
     return out;
 }
 
@@ -80,37 +84,39 @@ static bool is_far(const pliant_advance_motion *motion, const box *a, double mar
     return is_apart(a, motion->low, motion->high, margin);
 }
 
-/* The whole leg in intervals: a triangle's ball around its middle, against the part at the interval's middle. */
+/* A triangle's ball around its middle at the middle of an interval, against the part there. way: of both during half of the interval [m] */
+static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, int at, double t, double way, double margin)
+{
+    double corner[3][3], middle[3], local[3], normal[3], square = 0;
+    for (int c = 0; c < 3; c++)
+        for (int d = 0; d < 3; d++) corner[c][d] = triangle->from[c][d] + t * triangle->rate[c][d];
+    for (int d = 0; d < 3; d++) middle[d] = (corner[0][d] + corner[1][d] + corner[2][d]) / 3;
+    for (int c = 0; c < 3; c++) {
+        double apart[3];
+        for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - middle[d];
+        square = upper(square, pliant_advance_dot(apart, apart));
+    }
+    pliant_pose_from(&motion->at[at].pose, middle, local);
+    return pliant_part_distance(&motion->core, local, normal) - sqrt(square) - way > margin;
+}
+
+/* The whole leg at once, then in intervals. */
 static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3], const double *from, const double *to, double margin)
 {
-    enum { INTERVALS = 4 };
-    const double reach = motion->turn > 0 || motion->jaw != 0 ? motion->turn * motion->reach + fabs(motion->jaw) * motion->jaw_reach : 0;
+    enum { INTERVALS = PLIANT_ADVANCE_INTERVALS };
     pliant_advance_triangle triangle;
-    double fastest = 0;
+    double square = 0;
     pliant_advance_triangle_init(node, from, to, &triangle);
     for (int c = 0; c < 3; c++) {
         double rate[3];
         for (int d = 0; d < 3; d++) rate[d] = triangle.rate[c][d] - motion->tip_rate[d];
-        fastest = fmax(fastest, pliant_advance_length(rate) + reach);
+        square = upper(square, pliant_advance_dot(rate, rate));
     }
-    const int count = fastest > 0 ? INTERVALS : 1;
-    for (int n = 0; n < count; n++) {
-        const double t = (n + 0.5) / count;
-        double at[3][3], middle[3], local[3], normal[3], radius = 0;
-        pliant_advance_state state;
-        for (int c = 0; c < 3; c++)
-            for (int d = 0; d < 3; d++) at[c][d] = triangle.from[c][d] + t * triangle.rate[c][d];
-        for (int d = 0; d < 3; d++) middle[d] = (at[0][d] + at[1][d] + at[2][d]) / 3;
-        for (int c = 0; c < 3; c++) {
-            double apart[3];
-            for (int d = 0; d < 3; d++) apart[d] = at[c][d] - middle[d];
-            radius = fmax(radius, pliant_advance_length(apart));
-        }
-        pliant_advance_motion_at(motion, t, &state);
-        pliant_pose_from(&state.pose, middle, local);
-        if (pliant_part_distance(&motion->core, local, normal) - radius - 0.5 * fastest / count <= margin) return false;
-    }
-    return true;
+    const double speed = sqrt(square) + motion->speed;
+    if (is_far_at(motion, &triangle, 0, 0.5, 0.5 * speed, margin)) return true;
+    bool far = speed > 0;
+    for (int n = 1; n <= INTERVALS && far; n++) far = is_far_at(motion, &triangle, n, (n - 0.5) / INTERVALS, 0.5 * speed / INTERVALS, margin);
+    return far;
 }
 
 static bool is_held(const pliant_advance_part *part, const int32_t node[3])
@@ -129,27 +135,77 @@ static bool is_held(const pliant_advance_part *part, const int32_t node[3])
 
 /* ---- all */
 
-/* Triangles that are near one box around all parts, or near a half-space. */
+enum { CHUNK = 1024 };
+
+/* What triangles are compared with: one box around all parts with boxes, its most selective axis first, and half-spaces. */
+typedef struct reach {
+    const pliant_advance *room;
+    box all;
+    int axis[3];
+    int32_t count;
+    double margin;
+} reach;
+
+static reach reach_of(const pliant_advance *room, int32_t count, double margin)
+{
+    reach out = {.room = room, .all = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}}, .axis = {0, 1, 2}, .count = count, .margin = margin};
+    for (int32_t p = 0; p < count; p++)
+        for (int d = 0; d < 3 && room->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
+            out.all.low[d] = lower(out.all.low[d], room->motion[p].low[d] - margin);
+            out.all.high[d] = upper(out.all.high[d], room->motion[p].high[d] + margin);
+        }
+    for (int n = 0; n < 2; n++)
+        for (int k = 0; k < 2; k++) {
+            const int a = out.axis[k], b = out.axis[k + 1];
+            if (out.all.high[a] - out.all.low[a] <= out.all.high[b] - out.all.low[b]) continue;
+            out.axis[k] = b;
+            out.axis[k + 1] = a;
+        }
+    return out;
+}
+
+/* Whether its positions are above or below the box on one axis. */
+static bool is_beside(const reach *of, const int32_t node[3], const double *from, const double *to, int d)
+{
+    const double a = from[3 * (size_t)node[0] + (size_t)d], b = from[3 * (size_t)node[1] + (size_t)d], c = from[3 * (size_t)node[2] + (size_t)d];
+    const double e = to[3 * (size_t)node[0] + (size_t)d], f = to[3 * (size_t)node[1] + (size_t)d], g = to[3 * (size_t)node[2] + (size_t)d];
+    const double low = of->all.low[d], high = of->all.high[d];
+    return ((a < low) & (b < low) & (c < low) & (e < low) & (f < low) & (g < low)) | ((a > high) & (b > high) & (c > high) & (e > high) & (f > high) & (g > high));
+}
+
+static bool is_near(const reach *of, const int32_t node[3], const double *from, const double *to, box *own)
+{
+    const bool beside = is_beside(of, node, from, to, of->axis[0]) || is_beside(of, node, from, to, of->axis[1]) || is_beside(of, node, from, to, of->axis[2]);
+    bool near = !beside;
+    if (near) *own = box_of(node, from, to);
+    for (int32_t p = 0; p < of->count && !near; p++) {
+        if (of->room->motion[p].core.kind != PLIANT_PART_HALF_SPACE) continue;
+        *own = box_of(node, from, to);
+        near = !is_far(of->room->motion + p, own, of->margin);
+    }
+    return near;
+}
+
+/* Triangles that are near any part, ascending, and their boxes. */
 static int32_t list_near(pliant_advance *room, int32_t num_triangles, const int32_t *triangles, const double *from, const double *to, int32_t count, double margin,
                          int num_threads)
 {
-    box all = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int32_t p = 0; p < count; p++)
-        for (int d = 0; d < 3 && room->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
-            all.low[d] = fmin(all.low[d], room->motion[p].low[d]);
-            all.high[d] = fmax(all.high[d], room->motion[p].high[d]);
-        }
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int32_t t = 0; t < num_triangles; t++) {
-        const box own = box_of(triangles + 3 * (size_t)t, from, to);
-        bool near = !is_apart(&own, all.low, all.high, margin);
-        for (int32_t p = 0; p < count && !near; p++)
-            near = room->motion[p].core.kind == PLIANT_PART_HALF_SPACE && !is_far(room->motion + p, &own, margin);
-        room->is_near[t] = near;
+    const reach of = reach_of(room, count, margin);
+    const int32_t chunks = (num_triangles + CHUNK - 1) / CHUNK;
+#pragma omp parallel for schedule(static) num_threads(num_threads) if (num_threads > 1 && chunks > 4)
+    for (int32_t chunk = 0; chunk < chunks; chunk++) {
+        int32_t put = chunk * CHUNK;
+        const int32_t end = put + CHUNK < num_triangles ? put + CHUNK : num_triangles;
+        for (int32_t t = put; t < end; t++)
+            if (is_near(&of, triangles + 3 * (size_t)t, from, to, room->box + put)) room->near[put++] = t;
+        if (put < end) room->near[put] = -1;
     }
     int32_t found = 0;
-    for (int32_t t = 0; t < num_triangles; t++)
-        if (room->is_near[t]) room->near[found++] = t;
+    for (int32_t chunk = 0; chunk < chunks; chunk++)
+        for (int32_t n = chunk * CHUNK; n < num_triangles && n < (chunk + 1) * CHUNK && room->near[n] >= 0; n++) {
+            room->box[found] = room->box[n];
+            room->near[found++] = room->near[n];
+        }
     return found;
 }
 
@@ -164,8 +220,7 @@ pliant_status pliant_advance_near(pliant_advance *room, int32_t num_triangles, c
     for (int32_t p = 0; p < count; p++)
         for (int32_t n = 0; n < found; n++) {
             const int32_t t = room->near[n], *node = triangles + 3 * (size_t)t;
-            const box own = box_of(node, from, to);
-            if (is_far(room->motion + p, &own, margin) || is_held(parts + p, node) || stays_far(room->motion + p, node, from, to, margin)) continue;
+            if (is_far(room->motion + p, room->box + n, margin) || is_held(parts + p, node) || stays_far(room->motion + p, node, from, to, margin)) continue;
             if (!reserve_pair(room)) return pliant_fail_memory("contact advance");
             room->pair[room->num_pairs++] = (pliant_advance_pair){.part = p, .triangle = t, .weight = {1.0 / 3, 1.0 / 3, 1.0 / 3}};
         }

@@ -4,14 +4,17 @@
 
 #include "contact/advance/pair.h"
 
+/* Around a triangle throughout a leg. */
+typedef struct pliant_advance_box { double low[3], high[3]; } pliant_advance_box;
+
 struct pliant_advance {
     pliant_advance_rule rule;
     int32_t num_pairs, max_pairs, max_parts, max_triangles;
     pliant_advance_pair *pair;      /* (max_pairs) in ascending order of parts, then triangles */
     int32_t *order;                 /* (max_pairs) */
     pliant_advance_motion *motion;  /* (max_parts) */
-    uint8_t *is_near;               /* (max_triangles) whether a triangle is near any part */
-    int32_t *near;                  /* (max_triangles) those that are, ascending */
+    int32_t *near;                  /* (max_triangles) triangles that are near any part, ascending */
+    pliant_advance_box *box;        /* (max_triangles) around those */
 };
 
 /* Fill motion and pair with all pairs whose core distance may fall to `margin` or below during the leg; held triangles are left out.

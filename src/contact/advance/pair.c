@@ -164,14 +164,13 @@ static double fixed_plane(const moment *now)
 static double by_speed(const moment *now)
 {
     const pliant_advance_motion *motion = now->motion;
-    const double turning = motion->turn > 0 || motion->jaw != 0 ? motion->turn * motion->reach + fabs(motion->jaw) * motion->jaw_reach : 0;
     double fastest = 0;
     for (int c = 0; c < 3; c++) {
         double rate[3];
         for (int d = 0; d < 3; d++) rate[d] = now->triangle->rate[c][d] - motion->tip_rate[d];
         fastest = fmax(fastest, pliant_advance_length(rate));
     }
-    fastest += turning;
+    fastest += motion->speed;
     if (pliant_part_grain(&motion->core) > 0) fastest *= steepest;
     return fastest > 0 ? fmin(now->left, (now->cut.least - now->limit) / fastest) : now->left;
 }
