@@ -1,5 +1,5 @@
-// What one leg of the advancement costs on one thread: a wavy sheet of 3,200 and 31,250 triangles, 150 mm wide, under needle drivers that lie in contact with
-// it and move along it, and under boxes and solids.
+// What one leg of the advancement costs on one thread: a wavy sheet of 3,200 and 31,250 triangles, 150 mm wide, under
+// needle drivers that lie in contact with it and move along it, and under boxes and solids.
 //
 //   bench_advance [threads]
 #include "contact/advance/advance.h"
@@ -12,7 +12,8 @@
 #include <ctime>
 #include <random>
 
-namespace {
+namespace
+{
 
 // of this process on all its threads [s]
 double now()
@@ -30,7 +31,8 @@ struct Sheet {
     {
         for (int j = 0; j <= across; j++)
             for (int i = 0; i <= across; i++) {
-                const double x = 0.15 * (static_cast<double>(i) / across - 0.5), y = 0.15 * (static_cast<double>(j) / across - 0.5);
+                const double x = 0.15 * (static_cast<double>(i) / across - 0.5),
+                             y = 0.15 * (static_cast<double>(j) / across - 0.5);
                 from.insert(from.end(), {x, y, height(x, y)});
             }
         for (int j = 0; j < across; j++)
@@ -50,14 +52,15 @@ void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_a
         const double z = 0.5 * (low + high);
         for (auto &each : parts) each.from.tip[2] = z;
         pliant_advance_audit_result found{};
-        pliant_advance_audit(room, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(), sheet.from.data(), static_cast<int32_t>(parts.size()), parts.data(), 1,
-                             &found);
+        pliant_advance_audit(room, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
+                             sheet.from.data(), static_cast<int32_t>(parts.size()), parts.data(), 1, &found);
         (found.least < gap || found.crossings > 0 ? low : high) = z;
     }
     for (auto &each : parts) each.from.tip[2] = high;
 }
 
-void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int across, double way, double angle, int threads)
+void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int across, double way, double angle,
+             int threads)
 {
     Sheet sheet(across);
     const int32_t triangles = static_cast<int32_t>(sheet.triangles.size() / 3);
@@ -71,8 +74,10 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         std::vector<pliant_advance_part> parts;
         for (size_t s = 0; s < shapes.size(); s++) {
             std::vector<pliant_advance_part> own;
-            const double x = 0.05 * any(random), y = 0.05 * any(random), tilt = M_PI + 0.8 * any(random), turn = angle * any(random), jaw = 0.5;
-            const double to[3] = {any(random), any(random), 0.3 * any(random)}, size = std::sqrt(to[0] * to[0] + to[1] * to[1] + to[2] * to[2]);
+            const double x = 0.05 * any(random), y = 0.05 * any(random), tilt = M_PI + 0.8 * any(random),
+                         turn = angle * any(random), jaw = 0.5;
+            const double to[3] = {any(random), any(random), 0.3 * any(random)},
+                         size = std::sqrt(to[0] * to[0] + to[1] * to[1] + to[2] * to[2]);
             for (int p = 0; p < shapes[s].num_parts; p++) {
                 pliant_advance_part part{};
                 part.part = &shapes[s].part[p];
@@ -91,12 +96,14 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 parts.push_back(part);
             }
         }
-        for (size_t c = 0; c < sheet.to.size(); c++) sheet.to[c] = sheet.from[c] + 0.1 * way * any(random) + (c % 3 == 2 ? -0.2 * way : 0);
+        for (size_t c = 0; c < sheet.to.size(); c++)
+            sheet.to[c] = sheet.from[c] + 0.1 * way * any(random) + (c % 3 == 2 ? -0.2 * way : 0);
         num_parts = parts.size();
         pliant_advance_result found{};
         const double begin = now();
         for (int round = 0; round < 3; round++)
-            pliant_advance_find(room, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, &found);
+            pliant_advance_find(room, triangles, sheet.triangles.data(), sheet.from.data(), sheet.to.data(),
+                                static_cast<int32_t>(parts.size()), parts.data(), threads, &found);
         times.push_back(1e6 * (now() - begin) / 3);
         pairs.push_back(found.pairs);
         distances.push_back(static_cast<double>(found.distances));
@@ -107,8 +114,10 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
         std::sort(of.begin(), of.end());
         return of[static_cast<size_t>(share * static_cast<double>(of.size() - 1))];
     };
-    std::printf("%-16s %6d triangles %3zu parts, %4.1f mm %5.2f rad: median %7.1f us, 95 %% %7.1f, max %7.1f; pairs %5.0f, distances %6.0f, t %.2f\n", name, triangles, num_parts,
-                1e3 * way, angle, median(times), median(times, 0.95), median(times, 1), median(pairs), median(distances), median(fractions));
+    std::printf("%-16s %6d triangles %3zu parts, %4.1f mm %5.2f rad: median %7.1f us, 95 %% %7.1f, max %7.1f; pairs "
+                "%5.0f, distances %6.0f, t %.2f\n",
+                name, triangles, num_parts, 1e3 * way, angle, median(times), median(times, 0.95), median(times, 1),
+                median(pairs), median(distances), median(fractions));
 }
 
 } // namespace

@@ -8,26 +8,31 @@
 #include <math.h>
 #include <stdlib.h>
 
-pliant_advance_rule pliant_advance_rule_default(void) { return (pliant_advance_rule){.keep = 0.1, .stop = 0.5, .floor = 0.02, .slack = 1e-12}; }
+pliant_advance_rule pliant_advance_rule_default(void)
+{
+    return (pliant_advance_rule){.keep = 0.1, .stop = 0.5, .floor = 0.02, .slack = 1e-12};
+}
 
 pliant_status pliant_advance_create(const pliant_advance_rule *rule, pliant_advance **out)
 {
-    pliant_advance *room = pliant_calloc(1, sizeof *room);
-    if (!room) return pliant_fail_memory("contact advance");
-    room->rule = rule ? *rule : pliant_advance_rule_default();
-    *out = room;
+    pliant_advance *advance = pliant_calloc(1, sizeof *advance);
+    if (!advance) return pliant_fail_memory("contact advance");
+    advance->rule = rule ? *rule : pliant_advance_rule_default();
+    *out = advance;
     return PLIANT_OK;
 }
 
-void pliant_advance_free(pliant_advance *room)
+void pliant_advance_free(pliant_advance *advance)
 {
-    if (!room) return;
-    pliant_free(room->pair);
-    pliant_free(room->order);
-    pliant_free(room->motion);
-    pliant_free(room->box);
-    pliant_free(room->near);
-    pliant_free(room);
+    if (!advance) return;
+    pliant_free(advance->pair);
+    pliant_free(advance->rank);
+    pliant_free(advance->motion);
+    pliant_free(advance->box);
+    pliant_free(advance->near);
+    pliant_free(advance->self);
+    pliant_advance_tree_free(&advance->tree);
+    pliant_free(advance);
 }
 
 typedef struct surface {
@@ -43,79 +48,75 @@ static pliant_advance_triangle triangle_of(const surface *of, const pliant_advan
 }
 
 /* One iteration of every pair, which is the last one of most. */
-static int64_t step_all(pliant_advance *room, const surface *of, int num_threads)
+static int64_t step_all(pliant_advance *advance, const surface *of, int num_threads)
 {
     int64_t distances = 0;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) reduction(+ : distances)
-    for (int32_t n = 0; n < room->num_pairs; n++) {
-        pliant_advance_pair *pair = room->pair + n;
+    for (int32_t n = 0; n < advance->num_pairs; n++) {
+        pliant_advance_pair *pair = advance->pair + n;
         const pliant_advance_triangle triangle = triangle_of(of, pair);
         int64_t own = 0;
-        pair->ends = pliant_advance_pair_step(&room->rule, room->motion + pair->part, &triangle, pair, &own);
+        pair->ends = pliant_advance_pair_step(&advance->rule, advance->motion + pair->part, &triangle, pair, &own);
         distances += own;
     }
     return distances;
 }
 
-/* Pairs that do not reach the end, those with the smallest fraction first: the first ones shorten the leg for the others. */
-static int32_t sort_pairs(pliant_advance *room)
+static int32_t rank_pairs(pliant_advance *advance)
 {
     int32_t count = 0;
-    for (int32_t n = 0; n < room->num_pairs; n++)
-        if (room->pair[n].t < 1) room->order[count++] = n;
-    for (int32_t gap = count / 2; gap > 0; gap /= 2) /* Shell, A high-speed sorting procedure, Commun. ACM 2(7), 1959 */
-        for (int32_t i = gap; i < count; i++) {
-            const int32_t one = room->order[i];
-            int32_t j = i;
-            for (; j >= gap && (room->pair[room->order[j - gap]].t > room->pair[one].t ||
-                                (room->pair[room->order[j - gap]].t == room->pair[one].t && room->order[j - gap] > one));
-                 j -= gap)
-                room->order[j] = room->order[j - gap];
-            room->order[j] = one;
-        }
+    for (int32_t n = 0; n < advance->num_pairs; n++)
+        if (advance->pair[n].t < 1) advance->rank[count++] = (pliant_advance_rank){advance->pair[n].t, n};
+    pliant_advance_sort(count, advance->rank);
     return count;
 }
 
-static double find_least(const pliant_advance *room, const surface *of, double t, int num_threads, int64_t *distances)
+static double find_least(const pliant_advance *advance, const surface *of, double t, int num_threads,
+                         int64_t *distances)
 {
     double least = INFINITY;
     int64_t sum = 0;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads) reduction(min : least) reduction(+ : sum)
-    for (int32_t n = 0; n < room->num_pairs; n++) {
-        pliant_advance_pair *pair = room->pair + n;
+    for (int32_t n = 0; n < advance->num_pairs; n++) {
+        pliant_advance_pair *pair = advance->pair + n;
         const pliant_advance_triangle triangle = triangle_of(of, pair);
         int64_t own = 0;
         if (pair->exempt) continue;
-        least = fmin(least, pliant_advance_pair_distance(room->motion + pair->part, &triangle, t, pair->weight, &own));
+        least =
+            fmin(least, pliant_advance_pair_distance(advance->motion + pair->part, &triangle, t, pair->weight, &own));
         sum += own;
     }
     *distances += sum;
     return least;
 }
 
-pliant_status pliant_advance_find(pliant_advance *room, int32_t num_triangles, const int32_t *triangles, const double *from, const double *to,
-                                  int32_t count, const pliant_advance_part *parts, int num_threads, pliant_advance_result *out)
+pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                  const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
+                                  int num_threads, pliant_advance_result *out)
 {
     const surface of = {triangles, from, to};
     const int threads = pliant_threads_of(num_threads);
     double margin = 0;
-    for (int32_t p = 0; p < count; p++) margin = fmax(margin, room->rule.stop * parts[p].guard);
-    const pliant_status status = pliant_advance_near(room, num_triangles, triangles, from, to, count, parts, margin, false, threads);
+    for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->rule.stop * parts[p].guard);
+    pliant_status status =
+        pliant_advance_near(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
+    if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_pairs);
     if (status != PLIANT_OK) return status;
-    *out = (pliant_advance_result){.t = 1, .part = -1, .triangle = -1, .pairs = room->num_pairs};
-    out->distances = step_all(room, &of, threads);
-    const int32_t left = sort_pairs(room);
+    *out = (pliant_advance_result){.t = 1, .part = -1, .triangle = -1, .pairs = advance->num_pairs};
+    out->distances = step_all(advance, &of, threads);
+    const int32_t left = rank_pairs(advance);
     for (int32_t n = 0; n < left; n++) {
-        pliant_advance_pair *pair = room->pair + room->order[n];
+        pliant_advance_pair *pair = advance->pair + advance->rank[n].pair;
         const pliant_advance_triangle triangle = triangle_of(&of, pair);
         if (pair->t >= out->t) break; /* so are the others */
         while (!pair->ends && pair->t < out->t)
-            pair->ends = pliant_advance_pair_step(&room->rule, room->motion + pair->part, &triangle, pair, &out->distances);
+            pair->ends = pliant_advance_pair_step(&advance->rule, advance->motion + pair->part, &triangle, pair,
+                                                  &out->distances);
         if (pair->t >= out->t) continue;
         out->t = pair->t;
         out->part = pair->part;
         out->triangle = pair->triangle;
     }
-    out->least = find_least(room, &of, out->t, threads, &out->distances);
+    out->least = find_least(advance, &of, out->t, threads, &out->distances);
     return PLIANT_OK;
 }

@@ -1,4 +1,5 @@
-/* Geometry of conservative advancement, shared by CPU and GPU: limits, times at which a bound reaches a limit, closest points. */
+/* Geometry of conservative advancement, shared by CPU and GPU: limits, times at which a bound reaches a limit, closest
+ * points. */
 #ifndef PLIANT_CONTACT_ADVANCE_RULES_H
 #define PLIANT_CONTACT_ADVANCE_RULES_H
 
@@ -7,7 +8,10 @@
 
 #include <math.h>
 
-PLIANT_INLINE double pliant_advance_dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+PLIANT_INLINE double pliant_advance_dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 PLIANT_INLINE double pliant_advance_length(const double *a) { return sqrt(pliant_advance_dot(a, a)); }
 
 PLIANT_INLINE void pliant_advance_cross(const double *a, const double *b, double *out)
@@ -51,7 +55,8 @@ PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[
     *s = a > 0.0 ? fmin(fmax((b * *t - c) / a, 0.0), 1.0) : 0.0;
 }
 
-/* Weights of the point of a triangle that is closest to p (Ericson 5.1.5); of a triangle without area those of a point near it. */
+/* Weights of the point of a triangle that is closest to p (Ericson 5.1.5); of a triangle without area those of a point
+ * near it. */
 PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const double p[3], double weight[3])
 {
     double ab[3], ac[3], ap[3], bp[3], cp[3];
@@ -62,15 +67,21 @@ PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const d
         bp[i] = p[i] - corner[1][i];
         cp[i] = p[i] - corner[2][i];
     }
-    const double d1 = pliant_advance_dot(ab, ap), d2 = pliant_advance_dot(ac, ap), d3 = pliant_advance_dot(ab, bp), d4 = pliant_advance_dot(ac, bp);
+    const double d1 = pliant_advance_dot(ab, ap), d2 = pliant_advance_dot(ac, ap), d3 = pliant_advance_dot(ab, bp),
+                 d4 = pliant_advance_dot(ac, bp);
     const double d5 = pliant_advance_dot(ab, cp), d6 = pliant_advance_dot(ac, cp);
     const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, whole = va + vb + vc;
     double b = 0.0, c = 0.0;
-    if (d1 <= 0.0 && d2 <= 0.0) b = c = 0.0;
-    else if (d3 >= 0.0 && d4 <= d3) b = 1.0;
-    else if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) b = d1 > d3 ? d1 / (d1 - d3) : 0.0;
-    else if (d6 >= 0.0 && d5 <= d6) c = 1.0;
-    else if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) c = d2 > d6 ? d2 / (d2 - d6) : 0.0;
+    if (d1 <= 0.0 && d2 <= 0.0)
+        b = c = 0.0;
+    else if (d3 >= 0.0 && d4 <= d3)
+        b = 1.0;
+    else if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0)
+        b = d1 > d3 ? d1 / (d1 - d3) : 0.0;
+    else if (d6 >= 0.0 && d5 <= d6)
+        c = 1.0;
+    else if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0)
+        c = d2 > d6 ? d2 / (d2 - d6) : 0.0;
     else if (va <= 0.0 && d4 >= d3 && d5 >= d6) {
         const double sum = (d4 - d3) + (d5 - d6);
         c = sum > 0.0 ? (d4 - d3) / sum : 0.0;
@@ -89,7 +100,8 @@ PLIANT_INLINE void pliant_advance_mix(const double corner[3][3], const double we
     for (int i = 0; i < 3; i++) out[i] = weight[0] * corner[0][i] + weight[1] * corner[1][i] + weight[2] * corner[2][i];
 }
 
-/* Weights of the point of a triangle that is closest to a segment, if the segment does not pass through the triangle. */
+/* Weights of the point of a triangle that is closest to a segment, if the segment does not pass through the triangle.
+ */
 PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const double end[2][3], double weight[3])
 {
     double best = (double)INFINITY;

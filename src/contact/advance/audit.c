@@ -1,5 +1,5 @@
-/* Whether the surface and the cores overlap, by code that shares no closest points with the advancement: a convex function on a segment by ternary search,
- * and segments that pass through triangles by signed volumes. */
+/* Whether the surface and the cores overlap, by code that shares no closest points with the advancement: a convex
+ * function on a segment by ternary search, and segments that pass through triangles by signed volumes. */
 #include "contact/advance/near.h"
 
 #include "base/threads.h"
@@ -26,36 +26,15 @@ static bool enters(const pliant_part *core, const double end[2][3])
     const int samples = grain > 0 ? 1 + (int)fmin(4 * sqrt(length) / grain, MOST_SAMPLES) : 0;
     for (int n = 0; n <= samples && grain > 0; n++) least = fmin(least, distance_on(core, end, (double)n / samples));
     for (int round = 0; round < ROUNDS && grain == 0; round++) {
-        const double a = low + (high - low) / 3, b = high - (high - low) / 3, at_a = distance_on(core, end, a), at_b = distance_on(core, end, b);
+        const double a = low + (high - low) / 3, b = high - (high - low) / 3, at_a = distance_on(core, end, a),
+                     at_b = distance_on(core, end, b);
         least = fmin(least, fmin(at_a, at_b));
-        if (at_a < at_b) high = b;
-        else low = a;
+        if (at_a < at_b)
+            high = b;
+        else
+            low = a;
     }
     return least < 0;
-}
-
-static double volume(const double a[3], const double b[3], const double c[3], const double d[3])
-{
-    double p[3], q[3], r[3], side[3];
-    for (int i = 0; i < 3; i++) {
-        p[i] = b[i] - a[i];
-        q[i] = c[i] - a[i];
-        r[i] = d[i] - a[i];
-    }
-    pliant_advance_cross(p, q, side);
-    return pliant_advance_dot(side, r);
-}
-
-static bool passes(const double corner[3][3], const double end[2][3])
-{
-    const double below = volume(corner[0], corner[1], corner[2], end[0]), above = volume(corner[0], corner[1], corner[2], end[1]);
-    if (!(below * above < 0)) return false;
-    int sides = 0;
-    for (int c = 0; c < 3; c++) {
-        const double side = volume(end[0], end[1], corner[c], corner[(c + 1) % 3]);
-        sides += side > 0 ? 1 : side < 0 ? -1 : 0;
-    }
-    return sides == 3 || sides == -3;
 }
 
 /* The axis of a capsule, or the edges of a box. */
@@ -66,7 +45,7 @@ static bool passes_through(const pliant_part *core, const double corner[3][3])
     if (core->kind == PLIANT_PART_CAPSULE) {
         memcpy(end[0], core->from, sizeof end[0]);
         memcpy(end[1], core->to, sizeof end[1]);
-        return passes(corner, (const double(*)[3])end);
+        return pliant_advance_passes(corner, (const double(*)[3])end);
     }
     for (int edge = 0; edge < 12 && core->kind == PLIANT_PART_BOX && !crosses; edge++) {
         const int along = edge / 4;
@@ -75,7 +54,7 @@ static bool passes_through(const pliant_part *core, const double corner[3][3])
                 const int upper = d == along ? n : edge >> (d == (along + 1) % 3) & 1;
                 end[n][d] = upper ? core->to[d] : core->from[d];
             }
-        crosses = passes(corner, (const double(*)[3])end);
+        crosses = pliant_advance_passes(corner, (const double(*)[3])end);
     }
     return crosses;
 }
@@ -88,26 +67,30 @@ static bool is_crossed(const pliant_advance_motion *motion, const int32_t node[3
     pliant_advance_motion_at(motion, 0, &state);
     for (int c = 0; c < 3; c++) pliant_pose_from(&state.pose, positions + 3 * (size_t)node[c], corner[c]);
     for (int c = 0; c < 3 && !crossed; c++) {
-        const double end[2][3] = {{corner[c][0], corner[c][1], corner[c][2]}, {corner[(c + 1) % 3][0], corner[(c + 1) % 3][1], corner[(c + 1) % 3][2]}};
+        const double end[2][3] = {{corner[c][0], corner[c][1], corner[c][2]},
+                                  {corner[(c + 1) % 3][0], corner[(c + 1) % 3][1], corner[(c + 1) % 3][2]}};
         crossed = enters(&motion->core, end);
     }
     return crossed || passes_through(&motion->core, (const double(*)[3])corner);
 }
 
-pliant_status pliant_advance_audit(pliant_advance *room, int32_t num_triangles, const int32_t *triangles, const double *positions, int32_t count,
-                                   const pliant_advance_part *parts, int num_threads, pliant_advance_audit_result *out)
+pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                   const double *positions, int32_t count, const pliant_advance_part *parts,
+                                   int num_threads, pliant_advance_audit_result *out)
 {
     const int threads = pliant_threads_of(num_threads);
     double margin = 0;
     for (int32_t p = 0; p < count; p++) margin = fmax(margin, parts[p].guard);
-    const pliant_status status = pliant_advance_near(room, num_triangles, triangles, positions, positions, count, parts, margin, true, threads);
+    const pliant_status status = pliant_advance_near(advance, num_triangles, triangles, positions, positions, count,
+                                                     parts, margin, true, threads);
     if (status != PLIANT_OK) return status;
-    *out = (pliant_advance_audit_result){.least = INFINITY, .part = -1, .triangle = -1, .crossing_part = -1, .crossing_triangle = -1};
+    *out = (pliant_advance_audit_result){
+        .least = INFINITY, .part = -1, .triangle = -1, .crossing_part = -1, .crossing_triangle = -1};
 #pragma omp parallel for schedule(dynamic, 16) num_threads(threads)
-    for (int32_t n = 0; n < room->num_pairs; n++) {
-        pliant_advance_pair *pair = room->pair + n;
+    for (int32_t n = 0; n < advance->num_pairs; n++) {
+        pliant_advance_pair *pair = advance->pair + n;
         const int32_t *node = triangles + 3 * (size_t)pair->triangle;
-        const pliant_advance_motion *motion = room->motion + pair->part;
+        const pliant_advance_motion *motion = advance->motion + pair->part;
         pliant_advance_triangle triangle;
         int64_t distances = 0;
         if (motion->leg->released) continue;
@@ -115,9 +98,9 @@ pliant_status pliant_advance_audit(pliant_advance *room, int32_t num_triangles, 
         pair->limit = pliant_advance_pair_distance(motion, &triangle, 0, pair->weight, &distances);
         pair->exempt = is_crossed(motion, node, positions);
     }
-    for (int32_t n = 0; n < room->num_pairs; n++) {
-        const pliant_advance_pair *pair = room->pair + n;
-        if (room->motion[pair->part].leg->released) continue;
+    for (int32_t n = 0; n < advance->num_pairs; n++) {
+        const pliant_advance_pair *pair = advance->pair + n;
+        if (advance->motion[pair->part].leg->released) continue;
         if (pair->limit < out->least) {
             out->least = pair->limit;
             out->part = pair->part;

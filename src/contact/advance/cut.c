@@ -1,7 +1,8 @@
-/* The smallest distance of a triangle from a convex part, by cutting planes (Kelley, The cutting-plane method for solving convex programs, J. SIAM 8:703,
- * 1960): the signed distance is convex, so it lies above its tangent at each point. The best bound over the triangle by a few tangents is a matrix game
- * of three columns, the corners. Its solution mixes tangents to one plane, and names the point at which the next tangent is taken. Each mixture is a
- * valid bound, however far the search got. Spheres, capsules and half-spaces need one tangent. */
+/* The smallest distance of a triangle from a convex part, by cutting planes (Kelley, The cutting-plane method for
+ * solving convex programs, J. SIAM 8:703, 1960): the signed distance is convex, so it lies above its tangent at each
+ * point. The best bound over the triangle by a few tangents is a matrix game of three columns, the corners. Its
+ * solution mixes tangents to one plane, and names the point at which the next tangent is taken. Each mixture is a valid
+ * bound, however far the search got. Spheres, capsules and half-spaces need one tangent. */
 #include "contact/advance/cut.h"
 
 #include "contact/advance/advance_rules.h"
@@ -18,22 +19,33 @@ typedef struct tangent {
     double at[3];                      /* at the corners */
 } tangent;
 
-/* How a game is played: weights of tangents, and of corners. */
+/* How a game is played: weights of tangents, of which the lowest corner is as high as possible, and of corners, where
+ * the highest tangent is as low as possible. Both are found by themselves, since several mixtures of tangents may be
+ * equally good, and only one goes with those corners. */
 typedef struct mixture {
-    double tangent[MOST_TANGENTS], corner[3], value;
+    double tangent[MOST_TANGENTS], corner[3], lowest, highest;
 } mixture;
 
 static void try_mixture(const tangent *of, int count, const mixture *trial, mixture *best)
 {
-    double value = INFINITY;
+    double lowest = INFINITY, highest = -INFINITY;
     for (int c = 0; c < 3; c++) {
         double sum = 0;
         for (int k = 0; k < count; k++) sum += trial->tangent[k] * of[k].at[c];
-        value = fmin(value, sum);
+        lowest = sum < lowest ? sum : lowest;
     }
-    if (!(value > best->value)) return;
-    *best = *trial;
-    best->value = value;
+    for (int k = 0; k < count; k++) {
+        const double sum = pliant_advance_dot(trial->corner, of[k].at);
+        highest = sum > highest ? sum : highest;
+    }
+    if (lowest > best->lowest) {
+        best->lowest = lowest;
+        memcpy(best->tangent, trial->tangent, sizeof best->tangent);
+    }
+    if (highest < best->highest) {
+        best->highest = highest;
+        memcpy(best->corner, trial->corner, sizeof best->corner);
+    }
 }
 
 static void try_one(const tangent *of, int count, int i, mixture *best)
@@ -51,7 +63,8 @@ static void try_two(const tangent *of, int count, int i, int j, mixture *best)
 {
     for (int a = 0; a < 3; a++) {
         const int b = (a + 1) % 3;
-        const double rise = of[i].at[b] - of[i].at[a], fall = of[j].at[a] - of[j].at[b], over = of[i].at[a] - of[j].at[a], under = of[j].at[b] - of[i].at[b];
+        const double rise = of[i].at[b] - of[i].at[a], fall = of[j].at[a] - of[j].at[b],
+                     over = of[i].at[a] - of[j].at[a], under = of[j].at[b] - of[i].at[b];
         mixture trial = {.tangent = {0}};
         if (!(rise * fall > 0 && over * under > 0)) continue; /* otherwise one of them is the better one */
         trial.tangent[i] = fall / (rise + fall);
@@ -95,7 +108,7 @@ static void try_three(const tangent *of, int count, const int row[3], mixture *b
 
 static mixture solve_game(const tangent *of, int count)
 {
-    mixture best = {.value = -INFINITY};
+    mixture best = {.lowest = -INFINITY, .highest = INFINITY};
     for (int i = 0; i < count; i++) {
         try_one(of, count, i, &best);
         for (int j = i + 1; j < count; j++) {
@@ -141,7 +154,8 @@ static int begin_at(const pliant_part *core, const double corner[3][3], double w
     return ROUNDS;
 }
 
-/* Where all corners are outside of what the radius is around, the plane holds for the unit normal, too: that body lies behind it. */
+/* Where all corners are outside of what the radius is around, the plane holds for the unit normal, too: that body lies
+ * behind it. */
 static void sharpen(double radius, pliant_cut *out)
 {
     const double length = pliant_advance_length(out->normal);
@@ -154,7 +168,8 @@ static void sharpen(double radius, pliant_cut *out)
     }
 }
 
-static void mix_tangents(const tangent *of, int count, const double corner[3][3], const double weight[MOST_TANGENTS], double radius, pliant_cut *out)
+static void mix_tangents(const tangent *of, int count, const double corner[3][3], const double weight[MOST_TANGENTS],
+                         double radius, pliant_cut *out)
 {
     int main_one = 0;
     for (int k = 1; k < count; k++)
@@ -181,7 +196,7 @@ static void mix_tangents(const tangent *of, int count, const double corner[3][3]
 int pliant_cut_find(const pliant_part *core, const double corner[3][3], double weight[3], pliant_cut *out)
 {
     tangent of[MOST_TANGENTS];
-    mixture best = {.value = -INFINITY};
+    mixture best = {.lowest = -INFINITY, .highest = INFINITY};
     double lowest = INFINITY, trial[3];
     int count = 0, distances = begin_at(core, corner, weight);
     memcpy(trial, weight, sizeof trial);
@@ -196,10 +211,11 @@ int pliant_cut_find(const pliant_part *core, const double corner[3][3], double w
             for (int k = count = 0; k < MOST_TANGENTS; k++)
                 if (best.tangent[k] > 0 && count < MOST_TANGENTS - 1) of[count++] = of[k];
         of[count++] = one;
-        const double before = best.value;
         best = solve_game(of, count);
         mix_tangents(of, count, corner, best.tangent, core->radius, out);
-        if (lowest <= 0 || lowest - out->least <= exact * lowest + tiny || (step > MOST_TANGENTS && !(best.value > before))) break;
+        if (lowest <= 0 || lowest - out->least <= exact * lowest + tiny ||
+            memcmp(trial, best.corner, sizeof trial) == 0)
+            break;
         memcpy(trial, best.corner, sizeof trial);
     }
     out->least = fmin(out->least, lowest);

@@ -8,11 +8,12 @@
 typedef struct pliant_cut {
     double normal[3], point[3], offset; /* length of normal: at most 1 */
     double at[3];                       /* that bound at the triangle's corners [m] */
-    double least;                       /* smallest of them: a lower bound of the triangle's distance; at most 0 if the part overlaps it */
+    double least; /* smallest of them: a lower bound of the triangle's distance; at most 0 if the part overlaps it */
 } pliant_cut;
 
 /* The cut with the largest `least`, which is within a thousandth of the triangle's distance if that is above 0.
- * @param corner in the part's frame @param weight where the search begins; then the point of the triangle that is closest
+ * @param corner in the part's frame @param weight where the search begins; then the point of the triangle that is
+ * closest
  * @return number of distances evaluated */
 int pliant_cut_find(const pliant_part *core, const double corner[3][3], double weight[3], pliant_cut *out);
 

@@ -1,7 +1,8 @@
-/* In a box the field lies above a plane, lowered until none of the box's points is below it: points of the grid, and of its lines and planes on the box's
- * sides, since the field is trilinear between them, as the plane is. Where the solid is flat that bound is sharp in all directions, so sliding along it
- * costs nothing. Elsewhere the triangle and the time are split. Outside the grid the distance changes by at most the way (Piyavskii, USSR Comp. Math.
- * Math. Phys. 12:57, 1972). */
+/* In a box the field lies above a plane, lowered until none of the box's points is below it: points of the grid, and of
+ * its lines and planes on the box's sides, since the field is trilinear between them, as the plane is. Where the solid
+ * is flat that bound is sharp in all directions, so sliding along it costs nothing. Elsewhere the triangle and the time
+ * are split. Outside the grid the distance changes by at most the way (Piyavskii, USSR Comp. Math. Math. Phys. 12:57,
+ * 1972). */
 #include "contact/advance/field.h"
 
 #include "contact/advance/advance_rules.h"
@@ -9,7 +10,13 @@
 
 #include <string.h>
 
-enum { DEEPEST = 10, MOST_HALVINGS = 16, MOST_OPEN = 3 * DEEPEST + MOST_HALVINGS + 4, MOST_PIECES = 20000, MOST_ALONG = 10 /* points along an axis */ };
+enum {
+    DEEPEST = 10,
+    MOST_HALVINGS = 16,
+    MOST_OPEN = 3 * DEEPEST + MOST_HALVINGS + 4,
+    MOST_PIECES = 20000,
+    MOST_ALONG = 10 /* points along an axis */
+};
 static const double steepest = 1.7320508; /* slope of a field between its points: at most 1 along each axis */
 static const double enough = 0.9;         /* of the lowest distance found */
 static const double smallest = 1e-4;      /* of a cell: nearer distances are not resolved */
@@ -24,7 +31,7 @@ typedef struct piece {
 
 /* What it covers in the part's frame. */
 typedef struct region {
-    double at[2][3][3];       /* corners at its begin and its end; in between they leave their chord by at most the bulge */
+    double at[2][3][3]; /* corners at its begin and its end; in between they leave their chord by at most the bulge */
     double low[3], high[3], bulge;
     double middle[3], radius; /* of a ball around it */
     double size, way;         /* extent of the triangle, of its motion [m] */
@@ -75,7 +82,8 @@ static double by_way(const pliant_part *core, const region *of, double distance)
     return distance - (is_inside_grid(core, of->middle) ? steepest : 1) * of->radius;
 }
 
-/* Coordinates of a box along an axis: its ends, and grid points between them, clipped to the grid. 0: too many, or none is in the grid */
+/* Coordinates of a box along an axis: its ends, and grid points between them, clipped to the grid. 0: too many, or none
+ * is in the grid */
 static int list_along(const pliant_part *core, const region *of, int d, double out[MOST_ALONG])
 {
     const pliant_solid *solid = core->solid;
@@ -92,8 +100,10 @@ static int list_along(const pliant_part *core, const region *of, int d, double o
     return count;
 }
 
-/* normal . (p - middle) + *height is below the distance at each p of the box that lies in the grid. false: the box is too large, or not in it */
-static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height, int64_t *distances)
+/* normal . (p - middle) + *height is below the distance at each p of the box that lies in the grid. false: the box is
+ * too large, or not in it */
+static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height,
+                        int64_t *distances)
 {
     double along[3][MOST_ALONG], p[3], own[3];
     int count[3];
@@ -119,7 +129,8 @@ static double height_of(const double normal[3], const double p[3], const double 
     return normal[0] * (p[0] - middle[0]) + normal[1] * (p[1] - middle[1]) + normal[2] * (p[2] - middle[2]);
 }
 
-/* The first fraction of a way at which a height falls to 0: it is begin and end at the ends, and lies below its chord by at most 4 bulge s (1 - s). */
+/* The first fraction of a way at which a height falls to 0: it is begin and end at the ends, and lies below its chord
+ * by at most 4 bulge s (1 - s). */
 static double first_zero(double begin, double end, double bulge)
 {
     const double slope = end - begin - 4 * bulge, lowest = bulge > 0 ? -slope / (8 * bulge) : -1;
@@ -138,7 +149,8 @@ static int split(const piece *of, piece *out)
         out[n] = *of;
         out[n].level++;
         for (int k = 0; k < 3; k++) /* corner n stays; the others are the middles of its edges */
-            if (n == 3 || k != n) memcpy(out[n].weight[k], middle[n == 3 || (k + 1) % 3 == n ? k : n], sizeof middle[0]);
+            if (n == 3 || k != n)
+                memcpy(out[n].weight[k], middle[n == 3 || (k + 1) % 3 == n ? k : n], sizeof middle[0]);
     }
     return 4;
 }
@@ -172,19 +184,23 @@ double pliant_field_least(const pliant_part *core, const double corner[3][3], in
         const double wanted = enough * lowest - smallest * core->solid->cell;
         if (least < wanted && lower_plane(core, &around, normal, &height, distances)) {
             double by_plane = INFINITY;
-            for (int k = 0; k < 3; k++) by_plane = fmin(by_plane, height + height_of(normal, around.at[0][k], around.middle));
+            for (int k = 0; k < 3; k++)
+                by_plane = fmin(by_plane, height + height_of(normal, around.at[0][k], around.middle));
             least = fmax(least, by_plane);
         }
-        if (least >= wanted || of.level == DEEPEST || pieces > MOST_PIECES) bound = fmin(bound, least);
-        else depth += split(&of, stack + depth);
+        if (least >= wanted || of.level == DEEPEST || pieces > MOST_PIECES)
+            bound = fmin(bound, least);
+        else
+            depth += split(&of, stack + depth);
     }
     return fmin(bound, lowest);
 }
 
 /* ---- in time */
 
-/* Bound of a corner's acceleration in the part's frame from a time on. By the tool's turn w it is w x (w x z) - 2 w x (x' - tip'), with z from the tip;
- * the jaw's turn adds the same with the velocity and acceleration that this leaves, and its place from the joint. */
+/* Bound of a corner's acceleration in the part's frame from a time on. By the tool's turn w it is w x (w x z) - 2 w x
+ * (x' - tip'), with z from the tip; the jaw's turn adds the same with the velocity and acceleration that this leaves,
+ * and its place from the joint. */
 static double bend_of(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t)
 {
     const double turn = motion->turn, jaw = fabs(motion->jaw), left = 1 - t;
@@ -206,7 +222,8 @@ static double bend_of(const pliant_advance_motion *motion, const pliant_advance_
     return bend;
 }
 
-static void corners_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double out[3][3])
+static void corners_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
+                       double out[3][3])
 {
     pliant_advance_state state;
     pliant_advance_motion_at(motion, t, &state);
@@ -226,12 +243,14 @@ static double look_at(const pliant_part *core, const region *around, double limi
     if (by_way(core, around, distance) >= limit) return 1;
     if (!lower_plane(core, around, normal, &height, distances)) return 0;
     for (int k = 0; k < 3; k++)
-        reached = fmin(reached, first_zero(height + height_of(normal, around->at[0][k], around->middle) - limit,
-                                           height + height_of(normal, around->at[1][k], around->middle) - limit, around->bulge));
+        reached = fmin(reached,
+                       first_zero(height + height_of(normal, around->at[0][k], around->middle) - limit,
+                                  height + height_of(normal, around->at[1][k], around->middle) - limit, around->bulge));
     return reached;
 }
 
-double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double limit, int64_t *distances)
+double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
+                         double limit, int64_t *distances)
 {
     const double bend = bend_of(motion, triangle, t);
     piece stack[MOST_OPEN];
@@ -247,12 +266,17 @@ double pliant_field_free(const pliant_advance_motion *motion, const pliant_advan
             known[n] = time;
         }
         const double way = of.end - of.begin;
-        const region around = region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1], bend * way * way / 8);
+        const region around =
+            region_of(&of, (const double(*)[3])corner[0], (const double(*)[3])corner[1], bend * way * way / 8);
         const double reached = look_at(&motion->core, &around, limit, distances), time = of.begin + reached * way;
         if (reached >= 1 || time >= best) continue;
         const bool splits = of.level < DEEPEST, halves = of.halvings < MOST_HALVINGS;
-        if ((!splits && !halves) || pieces > MOST_PIECES || fmin(of.end, best) - time <= close_time * (time - t) + close_start) best = time;
-        else depth += halves && (!splits || around.way > around.size) ? halve(&of, stack + depth) : split(&of, stack + depth);
+        if ((!splits && !halves) || pieces > MOST_PIECES ||
+            fmin(of.end, best) - time <= close_time * (time - t) + close_start)
+            best = time;
+        else
+            depth +=
+                halves && (!splits || around.way > around.size) ? halve(&of, stack + depth) : split(&of, stack + depth);
     }
     return best;
 }

@@ -25,7 +25,8 @@ double pliant_advance_guard(const pliant_part *part, double smallest_cell)
     return fmin(deepest, fmin(of_depth * pliant_part_depth(part), of_cell * smallest_cell));
 }
 
-/* The signed distance from the result is at most that from the part plus the guard, and equal to it around shapes without edges. */
+/* The signed distance from the result is at most that from the part plus the guard, and equal to it around shapes
+ * without edges. */
 static pliant_part core_of(const pliant_part *part, double guard)
 {
     pliant_part core = *part;
@@ -60,7 +61,8 @@ static void find_turn(const double from[4], const double to[4], double out[3])
     for (int d = 0; d < 3; d++) out[d] *= scale;
 }
 
-/* Boxes at equal intervals; between two of them a point leaves its chord by at most bend / 8 times the interval's square. */
+/* Boxes at equal intervals; between two of them a point leaves its chord by at most bend / 8 times the interval's
+ * square. */
 static void find_box(pliant_advance_motion *motion)
 {
     const double interval = 0.25; /* [rad] */
@@ -87,7 +89,9 @@ void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, plia
     *out = (pliant_advance_motion){.leg = leg, .still = still || !leg->shape, .core = core_of(leg->part, leg->guard)};
     if (!out->still) {
         const double size = pliant_advance_length(leg->shape->axis);
-        const double sign = leg->part->frame == PLIANT_FRAME_TIP || !(size > 0) ? 0 : leg->part->frame == PLIANT_FRAME_JAW_PLUS ? 0.5 : -0.5;
+        const double sign = leg->part->frame == PLIANT_FRAME_TIP || !(size > 0) ? 0
+                            : leg->part->frame == PLIANT_FRAME_JAW_PLUS         ? 0.5
+                                                                                : -0.5;
         for (int d = 0; d < 3; d++) {
             out->tip_rate[d] = leg->to.tip[d] - leg->from.tip[d];
             out->axis[d] = size > 0 ? leg->shape->axis[d] / size : 0;
@@ -96,11 +100,14 @@ void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, plia
         out->turn = pliant_advance_length(out->turn_rate);
         out->jaw = sign * (leg->to.jaw - leg->from.jaw);
         out->jaw_reach = pliant_part_reach(&out->core, leg->shape->joint);
-        out->reach = sign == 0 ? pliant_part_reach(&out->core, origin) : pliant_advance_length(leg->shape->joint) + out->jaw_reach;
-        out->bend = out->turn * out->turn * out->reach + fabs(out->jaw) * (2 * out->turn + fabs(out->jaw)) * out->jaw_reach;
+        out->reach = sign == 0 ? pliant_part_reach(&out->core, origin)
+                               : pliant_advance_length(leg->shape->joint) + out->jaw_reach;
+        out->bend =
+            out->turn * out->turn * out->reach + fabs(out->jaw) * (2 * out->turn + fabs(out->jaw)) * out->jaw_reach;
     }
     out->speed = out->still ? 0 : out->turn * out->reach + fabs(out->jaw) * out->jaw_reach;
-    for (int n = 0; n <= PLIANT_ADVANCE_INTERVALS; n++) pliant_advance_motion_at(out, n == 0 ? 0.5 : (n - 0.5) / PLIANT_ADVANCE_INTERVALS, out->at + n);
+    for (int n = 0; n <= PLIANT_ADVANCE_INTERVALS; n++)
+        pliant_advance_motion_at(out, n == 0 ? 0.5 : (n - 0.5) / PLIANT_ADVANCE_INTERVALS, out->at + n);
     find_box(out);
 }
 
@@ -120,7 +127,8 @@ void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pli
     for (int d = 0; d < 3; d++) out->joint[d] += out->tip[d];
 }
 
-void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3], double out[3])
+void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                    const double x[3], double out[3])
 {
     double from_tip[3], from_joint[3], by_tool[3], by_jaw[3];
     for (int d = 0; d < 3; d++) {
@@ -132,9 +140,10 @@ void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const p
     for (int d = 0; d < 3; d++) out[d] = motion->tip_rate[d] + by_tool[d] + motion->jaw * by_jaw[d];
 }
 
-/* With angular velocities w of the tool and j of the jaw: w x (w x r), 2 w x (j x q) and j x (j x q), r from the tip and q from the joint. The jaw
- * moves r by at most |j| |q|. */
-double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3])
+/* With angular velocities w of the tool and j of the jaw: w x (w x r), 2 w x (j x q) and j x (j x q), r from the tip
+ * and q from the joint. The jaw moves r by at most |j| |q|. */
+double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                  const double x[3])
 {
     const double jaw = fabs(motion->jaw);
     double from_tip[3], from_joint[3], side[3];

@@ -16,16 +16,16 @@ enum { PLIANT_ADVANCE_INTERVALS = 4 };
 /* Vectors are in the scan's axes unless they say otherwise; rates are per leg. */
 typedef struct pliant_advance_motion {
     const pliant_advance_part *leg;
-    bool still;               /* it stays in its first pose */
-    pliant_part core;         /* the part, smaller by the guard */
-    double tip_rate[3];       /* of the tip [m] */
-    double turn_rate[3];      /* rotation vector of the tool [rad] */
-    double turn, jaw;         /* length of turn_rate; rate of the part's frame about the joint, with its sign [rad] */
-    double axis[3];           /* of the joint, unit, in the tool's frame */
-    double reach, jaw_reach;  /* largest distance of a point of the core from the tip, from the joint [m] */
-    double bend;              /* largest acceleration of a point of the core [m] */
-    double low[3], high[3];   /* box around the core throughout the leg */
-    double speed;             /* largest of a point of the core, apart from the tip's [m] */
+    bool still;              /* it stays in its first pose */
+    pliant_part core;        /* the part, smaller by the guard */
+    double tip_rate[3];      /* of the tip [m] */
+    double turn_rate[3];     /* rotation vector of the tool [rad] */
+    double turn, jaw;        /* length of turn_rate; rate of the part's frame about the joint, with its sign [rad] */
+    double axis[3];          /* of the joint, unit, in the tool's frame */
+    double reach, jaw_reach; /* largest distance of a point of the core from the tip, from the joint [m] */
+    double bend;             /* largest acceleration of a point of the core [m] */
+    double low[3], high[3];  /* box around the core throughout the leg */
+    double speed;            /* largest of a point of the core, apart from the tip's [m] */
     pliant_advance_state at[1 + PLIANT_ADVANCE_INTERVALS]; /* at 1/2, and at the middles of equal intervals */
 } pliant_advance_motion;
 
@@ -33,9 +33,11 @@ typedef struct pliant_advance_motion {
 void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out);
 void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pliant_advance_state *out);
 /* Velocity of the point of the part that lies at x. */
-void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3], double out[3]);
+void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                    const double x[3], double out[3]);
 /* Bound of that point's acceleration from now on. */
-double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state, const double x[3]);
+double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
+                                  const double x[3]);
 /* Angular velocity of the part. */
 void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3]);
 

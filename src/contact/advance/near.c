@@ -19,48 +19,60 @@ static bool grow(void *array, int32_t count, size_t size)
     return made != NULL;
 }
 
-static bool reserve(pliant_advance *room, int32_t triangles, int32_t parts)
+static bool reserve(pliant_advance *advance, int32_t triangles, int32_t parts)
 {
-    if (parts > room->max_parts) {
-        if (!grow(&room->motion, parts, sizeof *room->motion)) return false;
-        room->max_parts = parts;
+    if (parts > advance->max_parts) {
+        if (!grow(&advance->motion, parts, sizeof *advance->motion)) return false;
+        advance->max_parts = parts;
     }
-    if (triangles > room->max_triangles) {
-        if (!grow(&room->box, triangles, sizeof *room->box)) return false;
-        if (!grow(&room->near, triangles, sizeof *room->near)) return false;
-        room->max_triangles = triangles;
+    if (triangles > advance->max_triangles) {
+        if (!grow(&advance->box, triangles, sizeof *advance->box)) return false;
+        if (!grow(&advance->near, triangles, sizeof *advance->near)) return false;
+        advance->max_triangles = triangles;
     }
     return true;
 }
 
-static bool reserve_pair(pliant_advance *room)
+static bool reserve_pair(pliant_advance *advance)
 {
     enum { FIRST = 256 };
-    if (room->num_pairs < room->max_pairs) return true;
-    const int32_t count = room->max_pairs > 0 ? 2 * room->max_pairs : FIRST;
-    if (!grow(&room->pair, count, sizeof *room->pair)) return false;
-    if (!grow(&room->order, count, sizeof *room->order)) return false;
-    room->max_pairs = count;
+    if (advance->num_pairs < advance->max_pairs) return true;
+    const int32_t count = advance->max_pairs > 0 ? 2 * advance->max_pairs : FIRST;
+    if (!grow(&advance->pair, count, sizeof *advance->pair)) return false;
+    advance->max_pairs = count;
     return true;
+}
+
+pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count)
+{
+    if (count <= advance->max_ranks) return PLIANT_OK;
+    if (!grow(&advance->rank, count, sizeof *advance->rank)) return pliant_fail_memory("contact advance");
+    advance->max_ranks = count;
+    return PLIANT_OK;
+}
+
+static bool comes_before(const pliant_advance_rank *a, const pliant_advance_rank *b)
+{
+    return a->t != b->t ? a->t < b->t : a->pair < b->pair;
+}
+
+/* Shell, A high-speed sorting procedure, Commun. ACM 2(7), 1959. */
+void pliant_advance_sort(int32_t count, pliant_advance_rank *rank)
+{
+    for (int32_t gap = count / 2; gap > 0; gap /= 2)
+        for (int32_t i = gap; i < count; i++) {
+            const pliant_advance_rank one = rank[i];
+            int32_t j = i;
+            for (; j >= gap && comes_before(&one, rank + j - gap); j -= gap) rank[j] = rank[j - gap];
+            rank[j] = one;
+        }
 }
 
 /* ---- boxes */
 
-/* comparisons, since fmin and fmax are calls */
+/* fmin and fmax are calls */
 static double lower(double a, double b) { return a < b ? a : b; }
 static double upper(double a, double b) { return a > b ? a : b; }
-
-static box box_of(const int32_t node[3], const double *from, const double *to)
-{
-    const double *a = from + 3 * (size_t)node[0], *b = from + 3 * (size_t)node[1], *c = from + 3 * (size_t)node[2];
-    const double *e = to + 3 * (size_t)node[0], *f = to + 3 * (size_t)node[1], *g = to + 3 * (size_t)node[2];
-    box out;
-    for (int d = 0; d < 3; d++) {
-        out.low[d] = lower(lower(lower(a[d], b[d]), lower(c[d], e[d])), lower(f[d], g[d]));
-        out.high[d] = upper(upper(upper(a[d], b[d]), upper(c[d], e[d])), upper(f[d], g[d]));
-    }
-    return out;
-}
 
 static bool is_apart(const box *a, const double low[3], const double high[3], double margin)
 {
@@ -74,7 +86,8 @@ static bool is_above(const box *a, const pliant_part *half_space, double margin)
 {
     const double size = pliant_advance_length(half_space->to);
     double height = 0;
-    for (int d = 0; d < 3; d++) height += half_space->to[d] / size * ((half_space->to[d] > 0 ? a->low[d] : a->high[d]) - half_space->from[d]);
+    for (int d = 0; d < 3; d++)
+        height += half_space->to[d] / size * ((half_space->to[d] > 0 ? a->low[d] : a->high[d]) - half_space->from[d]);
     return height > margin;
 }
 
@@ -84,8 +97,10 @@ static bool is_far(const pliant_advance_motion *motion, const box *a, double mar
     return is_apart(a, motion->low, motion->high, margin);
 }
 
-/* A triangle's ball around its middle at the middle of an interval, against the part there. way: of both during half of the interval [m] */
-static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, int at, double t, double way, double margin)
+/* A triangle's ball around its middle at the middle of an interval, against the part there. way: of both during half of
+ * the interval [m] */
+static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, int at, double t,
+                      double way, double margin)
 {
     double corner[3][3], middle[3], local[3], normal[3], square = 0;
     for (int c = 0; c < 3; c++)
@@ -101,7 +116,8 @@ static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_
 }
 
 /* The whole leg at once, then in intervals. */
-static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3], const double *from, const double *to, double margin)
+static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3], const double *from, const double *to,
+                      double margin)
 {
     enum { INTERVALS = PLIANT_ADVANCE_INTERVALS };
     pliant_advance_triangle triangle;
@@ -115,7 +131,8 @@ static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3]
     const double speed = sqrt(square) + motion->speed;
     if (is_far_at(motion, &triangle, 0, 0.5, 0.5 * speed, margin)) return true;
     bool far = speed > 0;
-    for (int n = 1; n <= INTERVALS && far; n++) far = is_far_at(motion, &triangle, n, (n - 0.5) / INTERVALS, 0.5 * speed / INTERVALS, margin);
+    for (int n = 1; n <= INTERVALS && far; n++)
+        far = is_far_at(motion, &triangle, n, (n - 0.5) / INTERVALS, 0.5 * speed / INTERVALS, margin);
     return far;
 }
 
@@ -125,8 +142,10 @@ static bool is_held(const pliant_advance_part *part, const int32_t node[3])
         int32_t first = 0, last = part->num_held;
         while (first < last) {
             const int32_t middle = first + (last - first) / 2;
-            if (part->held[middle] < node[c]) first = middle + 1;
-            else last = middle;
+            if (part->held[middle] < node[c])
+                first = middle + 1;
+            else
+                last = middle;
         }
         if (first < part->num_held && part->held[first] == node[c]) return true;
     }
@@ -137,22 +156,27 @@ static bool is_held(const pliant_advance_part *part, const int32_t node[3])
 
 enum { CHUNK = 1024 };
 
-/* What triangles are compared with: one box around all parts with boxes, its most selective axis first, and half-spaces. */
+/* What triangles are compared with: one box around all parts with boxes, its most selective axis first, and
+ * half-spaces. */
 typedef struct reach {
-    const pliant_advance *room;
+    const pliant_advance *advance;
     box all;
     int axis[3];
     int32_t count;
     double margin;
 } reach;
 
-static reach reach_of(const pliant_advance *room, int32_t count, double margin)
+static reach reach_of(const pliant_advance *advance, int32_t count, double margin)
 {
-    reach out = {.room = room, .all = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}}, .axis = {0, 1, 2}, .count = count, .margin = margin};
+    reach out = {.advance = advance,
+                 .all = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}},
+                 .axis = {0, 1, 2},
+                 .count = count,
+                 .margin = margin};
     for (int32_t p = 0; p < count; p++)
-        for (int d = 0; d < 3 && room->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
-            out.all.low[d] = lower(out.all.low[d], room->motion[p].low[d] - margin);
-            out.all.high[d] = upper(out.all.high[d], room->motion[p].high[d] + margin);
+        for (int d = 0; d < 3 && advance->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
+            out.all.low[d] = lower(out.all.low[d], advance->motion[p].low[d] - margin);
+            out.all.high[d] = upper(out.all.high[d], advance->motion[p].high[d] + margin);
         }
     for (int n = 0; n < 2; n++)
         for (int k = 0; k < 2; k++) {
@@ -167,62 +191,70 @@ static reach reach_of(const pliant_advance *room, int32_t count, double margin)
 /* Whether its positions are above or below the box on one axis. */
 static bool is_beside(const reach *of, const int32_t node[3], const double *from, const double *to, int d)
 {
-    const double a = from[3 * (size_t)node[0] + (size_t)d], b = from[3 * (size_t)node[1] + (size_t)d], c = from[3 * (size_t)node[2] + (size_t)d];
-    const double e = to[3 * (size_t)node[0] + (size_t)d], f = to[3 * (size_t)node[1] + (size_t)d], g = to[3 * (size_t)node[2] + (size_t)d];
+    const double a = from[3 * (size_t)node[0] + (size_t)d], b = from[3 * (size_t)node[1] + (size_t)d],
+                 c = from[3 * (size_t)node[2] + (size_t)d];
+    const double e = to[3 * (size_t)node[0] + (size_t)d], f = to[3 * (size_t)node[1] + (size_t)d],
+                 g = to[3 * (size_t)node[2] + (size_t)d];
     const double low = of->all.low[d], high = of->all.high[d];
-    return ((a < low) & (b < low) & (c < low) & (e < low) & (f < low) & (g < low)) | ((a > high) & (b > high) & (c > high) & (e > high) & (f > high) & (g > high));
+    return ((a < low) & (b < low) & (c < low) & (e < low) & (f < low) & (g < low)) |
+           ((a > high) & (b > high) & (c > high) & (e > high) & (f > high) & (g > high));
 }
 
 static bool is_near(const reach *of, const int32_t node[3], const double *from, const double *to, box *own)
 {
-    const bool beside = is_beside(of, node, from, to, of->axis[0]) || is_beside(of, node, from, to, of->axis[1]) || is_beside(of, node, from, to, of->axis[2]);
+    const bool beside = is_beside(of, node, from, to, of->axis[0]) || is_beside(of, node, from, to, of->axis[1]) ||
+                        is_beside(of, node, from, to, of->axis[2]);
     bool near = !beside;
-    if (near) *own = box_of(node, from, to);
+    if (near) *own = pliant_advance_box_of(3, node, from, to);
     for (int32_t p = 0; p < of->count && !near; p++) {
-        if (of->room->motion[p].core.kind != PLIANT_PART_HALF_SPACE) continue;
-        *own = box_of(node, from, to);
-        near = !is_far(of->room->motion + p, own, of->margin);
+        if (of->advance->motion[p].core.kind != PLIANT_PART_HALF_SPACE) continue;
+        *own = pliant_advance_box_of(3, node, from, to);
+        near = !is_far(of->advance->motion + p, own, of->margin);
     }
     return near;
 }
 
 /* Triangles that are near any part, ascending, and their boxes. */
-static int32_t list_near(pliant_advance *room, int32_t num_triangles, const int32_t *triangles, const double *from, const double *to, int32_t count, double margin,
-                         int num_threads)
+static int32_t list_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles, const double *from,
+                         const double *to, int32_t count, double margin, int num_threads)
 {
-    const reach of = reach_of(room, count, margin);
+    const reach of = reach_of(advance, count, margin);
     const int32_t chunks = (num_triangles + CHUNK - 1) / CHUNK;
 #pragma omp parallel for schedule(static) num_threads(num_threads) if (num_threads > 1 && chunks > 4)
     for (int32_t chunk = 0; chunk < chunks; chunk++) {
         int32_t put = chunk * CHUNK;
         const int32_t end = put + CHUNK < num_triangles ? put + CHUNK : num_triangles;
         for (int32_t t = put; t < end; t++)
-            if (is_near(&of, triangles + 3 * (size_t)t, from, to, room->box + put)) room->near[put++] = t;
-        if (put < end) room->near[put] = -1;
+            if (is_near(&of, triangles + 3 * (size_t)t, from, to, advance->box + put)) advance->near[put++] = t;
+        if (put < end) advance->near[put] = -1;
     }
     int32_t found = 0;
     for (int32_t chunk = 0; chunk < chunks; chunk++)
-        for (int32_t n = chunk * CHUNK; n < num_triangles && n < (chunk + 1) * CHUNK && room->near[n] >= 0; n++) {
-            room->box[found] = room->box[n];
-            room->near[found++] = room->near[n];
+        for (int32_t n = chunk * CHUNK; n < num_triangles && n < (chunk + 1) * CHUNK && advance->near[n] >= 0; n++) {
+            advance->box[found] = advance->box[n];
+            advance->near[found++] = advance->near[n];
         }
     return found;
 }
 
-pliant_status pliant_advance_near(pliant_advance *room, int32_t num_triangles, const int32_t *triangles, const double *from, const double *to,
-                                  int32_t count, const pliant_advance_part *parts, double margin, bool still, int num_threads)
+pliant_status pliant_advance_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                  const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
+                                  double margin, bool still, int num_threads)
 {
-    room->num_pairs = 0;
+    advance->num_pairs = 0;
     if (count == 0 || num_triangles == 0) return PLIANT_OK;
-    if (!reserve(room, num_triangles, count)) return pliant_fail_memory("contact advance");
-    for (int32_t p = 0; p < count; p++) pliant_advance_motion_init(parts + p, still, room->motion + p);
-    const int32_t found = list_near(room, num_triangles, triangles, from, to, count, margin, num_threads);
+    if (!reserve(advance, num_triangles, count)) return pliant_fail_memory("contact advance");
+    for (int32_t p = 0; p < count; p++) pliant_advance_motion_init(parts + p, still, advance->motion + p);
+    const int32_t found = list_near(advance, num_triangles, triangles, from, to, count, margin, num_threads);
     for (int32_t p = 0; p < count; p++)
         for (int32_t n = 0; n < found; n++) {
-            const int32_t t = room->near[n], *node = triangles + 3 * (size_t)t;
-            if (is_far(room->motion + p, room->box + n, margin) || is_held(parts + p, node) || stays_far(room->motion + p, node, from, to, margin)) continue;
-            if (!reserve_pair(room)) return pliant_fail_memory("contact advance");
-            room->pair[room->num_pairs++] = (pliant_advance_pair){.part = p, .triangle = t, .weight = {1.0 / 3, 1.0 / 3, 1.0 / 3}};
+            const int32_t t = advance->near[n], *node = triangles + 3 * (size_t)t;
+            if (is_far(advance->motion + p, advance->box + n, margin) || is_held(parts + p, node) ||
+                stays_far(advance->motion + p, node, from, to, margin))
+                continue;
+            if (!reserve_pair(advance)) return pliant_fail_memory("contact advance");
+            advance->pair[advance->num_pairs++] =
+                (pliant_advance_pair){.part = p, .triangle = t, .weight = {1.0 / 3, 1.0 / 3, 1.0 / 3}};
         }
     return PLIANT_OK;
 }

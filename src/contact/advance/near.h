@@ -3,23 +3,48 @@
 #define PLIANT_CONTACT_ADVANCE_NEAR_H
 
 #include "contact/advance/pair.h"
+#include "contact/advance/tree.h"
 
-/* Around a triangle throughout a leg. */
-typedef struct pliant_advance_box { double low[3], high[3]; } pliant_advance_box;
+/* A node and a triangle, or two edges. */
+typedef struct pliant_advance_self_pair {
+    int32_t node[4], iterations;
+    bool is_edges, ends; /* ends: t can increase no further */
+    double t, limit;     /* the fraction that is known to be free; the smallest distance that it may have [m] */
+} pliant_advance_self_pair;
+
+/* A pair, and the fraction that is known to be free. */
+typedef struct pliant_advance_rank {
+    double t;
+    int32_t pair;
+} pliant_advance_rank;
 
 struct pliant_advance {
     pliant_advance_rule rule;
     int32_t num_pairs, max_pairs, max_parts, max_triangles;
-    pliant_advance_pair *pair;      /* (max_pairs) in ascending order of parts, then triangles */
-    int32_t *order;                 /* (max_pairs) */
-    pliant_advance_motion *motion;  /* (max_parts) */
-    int32_t *near;                  /* (max_triangles) triangles that are near any part, ascending */
-    pliant_advance_box *box;        /* (max_triangles) around those */
+    pliant_advance_pair *pair; /* (max_pairs) in ascending order of parts, then triangles */
+    int32_t max_ranks;
+    pliant_advance_rank *rank;     /* (max_ranks) pairs that may limit the leg */
+    pliant_advance_motion *motion; /* (max_parts) */
+    int32_t *near;                 /* (max_triangles) triangles that are near any part, ascending */
+    pliant_advance_box *box;       /* (max_triangles) around those */
+    int32_t num_self, max_self;
+    pliant_advance_self_pair *self; /* (max_self) of the surface with itself */
+    pliant_advance_tree tree;
 };
 
-/* Fill motion and pair with all pairs whose core distance may fall to `margin` or below during the leg; held triangles are left out.
+/* Capacity for so many ranks. Errors: MEMORY */
+pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count);
+/* In ascending order of fractions, then of pairs: the first ones shorten the leg for the others. */
+void pliant_advance_sort(int32_t count, pliant_advance_rank *rank);
+
+/* Whether a segment passes through a triangle, by signed volumes. */
+bool pliant_advance_passes(const double corner[3][3], const double end[2][3]);
+
+/* Fill motion and pair with all pairs whose core distance may fall to `margin` or below during the leg; held triangles
+ * are left out.
  * @param still parts stay in their first poses. Errors: MEMORY */
-pliant_status pliant_advance_near(pliant_advance *room, int32_t num_triangles, const int32_t *triangles, const double *from, const double *to,
-                                  int32_t count, const pliant_advance_part *parts, double margin, bool still, int num_threads);
+pliant_status pliant_advance_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                  const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
+                                  double margin, bool still, int num_threads);
 
 #endif

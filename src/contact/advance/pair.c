@@ -1,10 +1,11 @@
 /* Conservative advancement of one pair. Three bounds of the distance are tried, and the one that leads farthest counts:
- * - a plane that turns with the part: the part stays behind it, so only the triangle's corners move through it. It follows a part that turns far
- *   from its tip, and tissue that turns with the part;
- * - a plane that keeps its direction: the corners stay before it, the part's own points behind it. It follows a part that turns about the place of
- *   contact, or rolls;
+ * - a plane that turns with the part: the part stays behind it, so only the triangle's corners move through it. It
+ * follows a part that turns far from its tip, and tissue that turns with the part;
+ * - a plane that keeps its direction: the corners stay before it, the part's own points behind it. It follows a part
+ * that turns about the place of contact, or rolls;
  * - the distance divided by the largest relative speed.
- * Points of the part move on arcs. Over a time s an arc leaves its tangent by at most bend s^2 / 2 with bend its largest acceleration. */
+ * Points of the part move on arcs. Over a time s an arc leaves its tangent by at most bend s^2 / 2 with bend its
+ * largest acceleration. */
 #include "contact/advance/pair.h"
 
 #include "contact/advance/advance_rules.h"
@@ -17,7 +18,7 @@
 enum { MOST_ITERATIONS = 64 };
 static const double part_of_step = 0.999; /* rounding never leads beyond the bound */
 static const double near_limit = 0.02;    /* of the limit: a pair that is so near to it, and gains little, ends */
-static const double steepest = 1.7320508;  /* slope of a field between its points */
+static const double steepest = 1.7320508; /* slope of a field between its points */
 static const double little = 1e-3, least_step = 1e-7;
 
 /* A pair at one time. */
@@ -26,15 +27,16 @@ typedef struct moment {
     const pliant_advance_triangle *triangle;
     pliant_advance_state state;
     pliant_cut cut;
-    double left;              /* of the leg */
+    double left; /* of the leg */
     double limit;
-    double at[3][3];          /* corners */
-    double normal[3];         /* of the cut */
-    double point[3];          /* of the cut, as a point of the part */
-    double velocity[3];       /* of that point */
+    double at[3][3];    /* corners */
+    double normal[3];   /* of the cut */
+    double point[3];    /* of the cut, as a point of the part */
+    double velocity[3]; /* of that point */
 } moment;
 
-void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to, pliant_advance_triangle *out)
+void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
+                                  pliant_advance_triangle *out)
 {
     for (int c = 0; c < 3; c++)
         for (int d = 0; d < 3; d++) {
@@ -92,7 +94,8 @@ static void find_turn(const moment *now, double out[3], double *speed, double *b
     *bend = *speed * (fabs(roll) + *speed);
 }
 
-/* h = normal . (x - point) + offset of a corner, whose second derivative is normal''. (x - point) + 2 normal'. (x - point)' + normal . (x - point)'' */
+/* h = normal . (x - point) + offset of a corner, whose second derivative is normal''. (x - point) + 2 normal'. (x -
+ * point)' + normal . (x - point)'' */
 static double turning_plane(const moment *now)
 {
     const double accelerated = pliant_advance_motion_bend(now->motion, &now->state, now->point);
@@ -108,7 +111,8 @@ static double turning_plane(const moment *now)
         const double slope = pliant_advance_dot(normal_rate, apart) + pliant_advance_dot(now->normal, rate);
         const double length = pliant_advance_length(apart), fast = pliant_advance_length(rate);
         double within = now->left, reached = 0;
-        for (int round = 0; round < 3 && reached < within && within > 0; round++) { /* over a shorter time the bound is sharper */
+        for (int round = 0; round < 3 && reached < within && within > 0;
+             round++) { /* over a shorter time the bound is sharper */
             const double fastest = fast + accelerated * within;
             const double curve = bend * (length + fastest * within) + 2 * speed * fastest + accelerated;
             reached = fmax(reached, fmin(within, pliant_advance_time(now->cut.at[c] - now->limit, slope, curve)));
@@ -124,14 +128,22 @@ static int32_t count_points(const pliant_part *core)
 {
     if (core->kind == PLIANT_PART_SPHERE) return 1;
     if (core->kind == PLIANT_PART_CAPSULE) return 2;
-    return core->kind == PLIANT_PART_BOX ? 8 : core->kind == PLIANT_PART_SOLID && core->solid->convex ? core->solid->num_points : 0;
+    return core->kind == PLIANT_PART_BOX                            ? 8
+           : core->kind == PLIANT_PART_SOLID && core->solid->convex ? core->solid->num_points
+                                                                    : 0;
 }
 
 static void get_point(const pliant_part *core, int32_t k, double out[3])
 {
     for (int d = 0; d < 3; d++) {
-        if (core->kind == PLIANT_PART_SOLID) out[d] = core->from[d] + core->solid->points[3 * (size_t)k + (size_t)d];
-        else out[d] = (core->kind == PLIANT_PART_CAPSULE ? k : core->kind == PLIANT_PART_BOX ? k >> d & 1 : 0) ? core->to[d] : core->from[d];
+        if (core->kind == PLIANT_PART_SOLID)
+            out[d] = core->from[d] + core->solid->points[3 * (size_t)k + (size_t)d];
+        else
+            out[d] = (core->kind == PLIANT_PART_CAPSULE ? k
+                      : core->kind == PLIANT_PART_BOX   ? k >> d & 1
+                                                        : 0)
+                         ? core->to[d]
+                         : core->from[d];
     }
 }
 
@@ -177,15 +189,16 @@ static double by_speed(const moment *now)
 
 /* ---- a leg */
 
-double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double weight[3], int64_t *distances)
+double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
+                                    double t, double weight[3], int64_t *distances)
 {
     moment now = {.motion = motion, .triangle = triangle};
     *distances += look(&now, t, weight);
     return now.cut.least;
 }
 
-bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
-                              pliant_advance_pair *pair, int64_t *distances)
+bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion,
+                              const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances)
 {
     moment now = {.motion = motion, .triangle = triangle};
     *distances += look(&now, pair->t, pair->weight);
@@ -215,5 +228,6 @@ bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_adva
     }
     pair->t += part_of_step * step;
     pair->iterations++;
-    return pair->iterations >= MOST_ITERATIONS || step < least_step || (distance < near_limit * now.limit && step < little);
+    return pair->iterations >= MOST_ITERATIONS || step < least_step ||
+           (distance < near_limit * now.limit && step < little);
 }

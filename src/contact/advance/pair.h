@@ -6,19 +6,21 @@
 
 typedef struct pliant_advance_pair {
     int32_t part, triangle;
-    bool exempt;        /* it overlaps a released part */
-    bool ends;          /* t can increase no further */
+    bool exempt; /* it overlaps a released part */
+    bool ends;   /* t can increase no further */
     int32_t iterations;
-    double t;           /* fraction that is known to be free */
-    double limit;       /* smallest distance that it may have [m] */
-    double weight[3];   /* of the triangle's corners: where the search for the smallest distance begins */
+    double t;         /* fraction that is known to be free */
+    double limit;     /* smallest distance that it may have [m] */
+    double weight[3]; /* of the triangle's corners: where the search for the smallest distance begins */
 } pliant_advance_pair;
 
-void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to, pliant_advance_triangle *out);
+void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
+                                  pliant_advance_triangle *out);
 /* Lower bound of the core distance at a fraction of the leg [m]. Adds the distances evaluated to *distances. */
-double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t, double weight[3], int64_t *distances);
+double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
+                                    double t, double weight[3], int64_t *distances);
 /* Increase pair->t by one iteration. true: it reached 1, or it can increase no further. */
-bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
-                              pliant_advance_pair *pair, int64_t *distances);
+bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion,
+                              const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances);
 
 #endif

@@ -1,0 +1,384 @@
+/* The surface against itself: nodes against triangles, and edges against edges. All four nodes of a pair move along
+ * straight lines, so a plane that separates the pair bounds its distance by linear functions, without a term for arcs.
+ */
+#include "base/fail.h"
+#include "base/threads.h"
+#include "contact/advance/advance_rules.h"
+#include "contact/advance/near.h"
+#include "pliant/memory.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MOST_ITERATIONS = 64, FIRST_PAIRS = 1024, FIRST_OPEN = 256 };
+static const double part_of_step = 0.999, near_limit = 0.02, little = 1e-3, least_step = 1e-7;
+
+/* ---- the broad phase */
+
+typedef struct search {
+    pliant_advance *advance;
+    const double *from, *to;
+    const pliant_advance_self *self;
+    double margin;
+    bool crosses; /* edges against triangles instead */
+    bool failed;  /* out of memory */
+} search;
+
+static bool is_released(const pliant_advance_self *self, int32_t a, int32_t b)
+{
+    if (!self->component || self->num_released == 0) return false;
+    const int32_t one = self->component[a], other = self->component[b];
+    for (int32_t n = 0; n < self->num_released; n++)
+        if ((self->released[n][0] == one && self->released[n][1] == other) ||
+            (self->released[n][0] == other && self->released[n][1] == one))
+            return true;
+    return false;
+}
+
+static void position_at(const search *on, int32_t node, double t, double out[3])
+{
+    for (size_t d = 0; d < 3; d++)
+        out[d] = on->from[3 * (size_t)node + d] + t * (on->to[3 * (size_t)node + d] - on->from[3 * (size_t)node + d]);
+}
+
+/* The direction between the middles of both sides: where it separates them by more than the margin at both ends of the
+ * leg, it does all the way. */
+static bool is_separated(const search *on, const int32_t node[4], int first)
+{
+    double x[2][4][3], normal[3];
+    for (int c = 0; c < 4; c++) {
+        memcpy(x[0][c], on->from + 3 * (size_t)node[c], sizeof x[0][c]);
+        memcpy(x[1][c], on->to + 3 * (size_t)node[c], sizeof x[1][c]);
+    }
+    for (int d = 0; d < 3; d++) {
+        double sums[2] = {0, 0};
+        for (int c = 0; c < 4; c++) sums[c >= first] += x[0][c][d] + x[1][c][d];
+        normal[d] = sums[0] / first - sums[1] / (4 - first);
+    }
+    const double size = pliant_advance_length(normal);
+    bool separated = true;
+    for (int n = 0; n < 2 && separated; n++) {
+        double lowest = INFINITY, highest = -INFINITY;
+        for (int c = 0; c < 4; c++) {
+            const double height = pliant_advance_dot(normal, x[n][c]);
+            if (c < first)
+                lowest = height < lowest ? height : lowest;
+            else
+                highest = height > highest ? height : highest;
+        }
+        separated = lowest - highest > on->margin * size;
+    }
+    return separated;
+}
+
+static void add(search *on, const int32_t node[4], bool edges)
+{
+    pliant_advance *advance = on->advance;
+    if (is_separated(on, node, edges ? 2 : 1)) return;
+    if (advance->num_self == advance->max_self) {
+        const int32_t count = advance->max_self > 0 ? 2 * advance->max_self : FIRST_PAIRS;
+        pliant_advance_self_pair *made = advance->self ? pliant_resize(advance->self, (size_t)count, sizeof *made)
+                                                       : pliant_calloc((size_t)count, sizeof *made);
+        if (!made) {
+            on->failed = true;
+            return;
+        }
+        advance->self = made;
+        advance->max_self = count;
+    }
+    pliant_advance_self_pair *pair = advance->self + advance->num_self++;
+    *pair = (pliant_advance_self_pair){.is_edges = edges};
+    memcpy(pair->node, node, sizeof pair->node);
+}
+
+static void try_nodes(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle,
+                      const pliant_advance_box *box)
+{
+    for (int k = 0; k < 3; k++) {
+        const int32_t node[4] = {of[k], triangle[0], triangle[1], triangle[2]};
+        if (!(owns & PLIANT_OWNS_NODE << k) || node[0] == node[1] || node[0] == node[2] || node[0] == node[3]) continue;
+        const pliant_advance_box own = pliant_advance_box_of(1, node, on->from, on->to);
+        if (!pliant_advance_box_is_apart(&own, box, on->margin) && !is_released(on->self, node[0], node[1]))
+            add(on, node, false);
+    }
+}
+
+static void try_edges(search *on, const int32_t *of, uint8_t owns, const int32_t *other, uint8_t other_owns,
+                      const pliant_advance_box *box)
+{
+    pliant_advance_box boxes[3];
+    for (int m = 0; m < 3; m++) {
+        const int32_t edge[2] = {other[m], other[(m + 1) % 3]};
+        if (other_owns & PLIANT_OWNS_EDGE << m) boxes[m] = pliant_advance_box_of(2, edge, on->from, on->to);
+    }
+    for (int k = 0; k < 3; k++) {
+        const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
+        if (!(owns & PLIANT_OWNS_EDGE << k)) continue;
+        const pliant_advance_box own = pliant_advance_box_of(2, edge, on->from, on->to);
+        if (pliant_advance_box_is_apart(&own, box, on->margin)) continue;
+        for (int m = 0; m < 3; m++) {
+            const int32_t node[4] = {edge[0], edge[1], other[m], other[(m + 1) % 3]};
+            if (!(other_owns & PLIANT_OWNS_EDGE << m) || node[0] == node[2] || node[0] == node[3] ||
+                node[1] == node[2] || node[1] == node[3])
+                continue;
+            if (!pliant_advance_box_is_apart(&own, boxes + m, on->margin) && !is_released(on->self, node[0], node[2]))
+                add(on, node, true);
+        }
+    }
+}
+
+static double volume(const double a[3], const double b[3], const double c[3], const double d[3])
+{
+    double p[3], q[3], r[3], side[3];
+    for (int i = 0; i < 3; i++) {
+        p[i] = b[i] - a[i];
+        q[i] = c[i] - a[i];
+        r[i] = d[i] - a[i];
+    }
+    pliant_advance_cross(p, q, side);
+    return pliant_advance_dot(side, r);
+}
+
+bool pliant_advance_passes(const double corner[3][3], const double end[2][3])
+{
+    const double below = volume(corner[0], corner[1], corner[2], end[0]),
+                 above = volume(corner[0], corner[1], corner[2], end[1]);
+    if (!(below * above < 0)) return false;
+    int sides = 0;
+    for (int c = 0; c < 3; c++) {
+        const double side = volume(end[0], end[1], corner[c], corner[(c + 1) % 3]);
+        sides += side > 0 ? 1 : side < 0 ? -1 : 0;
+    }
+    return sides == 3 || sides == -3;
+}
+
+static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int32_t *triangle,
+                         pliant_advance_self_audit *out)
+{
+    double corner[3][3], end[2][3];
+    for (int c = 0; c < 3; c++) position_at(on, triangle[c], 0, corner[c]);
+    for (int k = 0; k < 3; k++) {
+        const int32_t edge[2] = {of[k], of[(k + 1) % 3]};
+        bool shares = false;
+        for (int c = 0; c < 3; c++) shares = shares || triangle[c] == edge[0] || triangle[c] == edge[1];
+        if (!(owns & PLIANT_OWNS_EDGE << k) || shares || is_released(on->self, edge[0], triangle[0])) continue;
+        for (int n = 0; n < 2; n++) position_at(on, edge[n], 0, end[n]);
+        if (!pliant_advance_passes((const double(*)[3])corner, (const double(*)[3])end)) continue;
+        if (out->crossings++ > 0) continue;
+        memcpy(out->node, edge, sizeof edge);
+        memcpy(out->node + 2, triangle, 3 * sizeof *triangle);
+    }
+}
+
+/* Two triangles: what each of them owns against the other. */
+static void try_triangles(search *on, int32_t m, int32_t n, pliant_advance_self_audit *audit)
+{
+    const pliant_advance_tree *tree = &on->advance->tree;
+    const int32_t a = tree->order[m], b = tree->order[n], *one = tree->triangles + 3 * (size_t)a,
+                  *other = tree->triangles + 3 * (size_t)b;
+    const pliant_advance_box *boxes[2] = {tree->box + m, tree->box + n};
+    if (pliant_advance_box_is_apart(boxes[0], boxes[1], on->margin)) return;
+    if (audit) {
+        try_crossing(on, one, tree->owns[a], other, audit);
+        try_crossing(on, other, tree->owns[b], one, audit);
+    }
+    try_nodes(on, one, tree->owns[a], other, boxes[1]);
+    try_nodes(on, other, tree->owns[b], one, boxes[0]);
+    try_edges(on, one, tree->owns[a], other, tree->owns[b], boxes[1]);
+}
+
+typedef struct couple {
+    int32_t a, b;
+} couple;
+
+static void try_leaves(search *on, const couple *at, pliant_advance_self_audit *audit)
+{
+    const pliant_advance_branch *a = on->advance->tree.branch + at->a, *b = on->advance->tree.branch + at->b;
+    for (int32_t m = a->first; m < a->first + a->count; m++)
+        for (int32_t n = at->a == at->b ? m + 1 : b->first; n < b->first + b->count; n++)
+            try_triangles(on, m, n, audit);
+}
+
+/* Every couple of branches whose boxes are near, from the root down. */
+static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
+{
+    enum { MOST_OPEN = 512 }; /* three for each level of both branches, which are halved */
+    const pliant_advance_tree *tree = &on->advance->tree;
+    couple open[MOST_OPEN];
+    int depth = 0;
+    on->advance->num_self = 0;
+    open[depth++] = (couple){0, 0};
+    while (depth > 0 && !on->failed) {
+        const couple at = open[--depth];
+        const pliant_advance_branch *a = tree->branch + at.a, *b = tree->branch + at.b;
+        if (at.a != at.b && pliant_advance_box_is_apart(tree->around + at.a, tree->around + at.b, on->margin)) continue;
+        if (a->child < 0 && b->child < 0)
+            try_leaves(on, &at, audit);
+        else if (at.a == at.b) {
+            open[depth++] = (couple){a->child, a->child + 1};
+            open[depth++] = (couple){a->child + 1, a->child + 1};
+            open[depth++] = (couple){a->child, a->child};
+        } else if (b->child < 0 || (a->child >= 0 && a->count >= b->count)) {
+            open[depth++] = (couple){a->child + 1, at.b};
+            open[depth++] = (couple){a->child, at.b};
+        } else {
+            open[depth++] = (couple){at.a, b->child + 1};
+            open[depth++] = (couple){at.a, b->child};
+        }
+    }
+    return on->failed ? pliant_fail_memory("contact advance") : PLIANT_OK;
+}
+
+/* ---- one pair */
+
+/* Lower bound of the distance at a time, by the plane between the closest points; gap: of each node of one side to each
+ * of the other. */
+static double look(const search *on, const pliant_advance_self_pair *pair, double t, double normal[3])
+{
+    const int first = pair->is_edges ? 2 : 1;
+    double x[4][3], size, lowest = INFINITY, highest = -INFINITY;
+    for (int c = 0; c < 4; c++) {
+        position_at(on, pair->node[c], t, x[c]);
+        for (int d = 0; d < 3; d++) x[c][d] -= on->from[3 * (size_t)pair->node[0] + (size_t)d];
+    }
+    if (pair->is_edges) {
+        double s, r;
+        pliant_advance_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &r);
+        for (int d = 0; d < 3; d++) normal[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
+    } else {
+        double weight[3], foot[3];
+        pliant_advance_on_triangle((const double(*)[3])(x + 1), x[0], weight);
+        pliant_advance_mix((const double(*)[3])(x + 1), weight, foot);
+        for (int d = 0; d < 3; d++) normal[d] = x[0][d] - foot[d];
+    }
+    if (!((size = pliant_advance_length(normal)) > 0)) return 0;
+    for (int d = 0; d < 3; d++) normal[d] /= size;
+    for (int c = 0; c < 4; c++) {
+        const double height = pliant_advance_dot(normal, x[c]);
+        if (c < first)
+            lowest = fmin(lowest, height);
+        else
+            highest = fmax(highest, height);
+    }
+    return lowest - highest;
+}
+
+static double step_of(const search *on, const pliant_advance_self_pair *pair, double t, const double normal[3],
+                      double distance)
+{
+    const int first = pair->is_edges ? 2 : 1;
+    double x[4][3], rate[4][3], mean[3], fastest[2] = {0, 0}, plane = INFINITY;
+    for (int c = 0; c < 4; c++) {
+        position_at(on, pair->node[c], t, x[c]);
+        for (size_t d = 0; d < 3; d++)
+            rate[c][d] = on->to[3 * (size_t)pair->node[c] + d] - on->from[3 * (size_t)pair->node[c] + d];
+    }
+    for (int d = 0; d < 3; d++) mean[d] = 0.25 * (rate[0][d] + rate[1][d] + rate[2][d] + rate[3][d]);
+    for (int a = 0; a < first; a++)
+        for (int b = first; b < 4; b++) {
+            double apart[3], closing[3];
+            for (int d = 0; d < 3; d++) {
+                apart[d] = x[a][d] - x[b][d];
+                closing[d] = rate[a][d] - rate[b][d];
+            }
+            plane = fmin(plane, pliant_advance_time(pliant_advance_dot(normal, apart) - pair->limit,
+                                                    pliant_advance_dot(normal, closing), 0));
+        }
+    for (int c = 0; c < 4; c++) {
+        double own[3];
+        for (int d = 0; d < 3; d++) own[d] = rate[c][d] - mean[d];
+        fastest[c >= first] = fmax(fastest[c >= first], pliant_advance_length(own));
+    }
+    const double speed = fastest[0] + fastest[1];
+    return fmax(plane, speed > 0 ? (distance - pair->limit) / speed : INFINITY);
+}
+
+/* One iteration; as pliant_advance_pair_step. */
+static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *distances)
+{
+    double normal[3];
+    const double distance = look(on, pair, pair->t, normal), left = 1 - pair->t;
+    ++*distances;
+    if (pair->iterations == 0) {
+        if (!(distance > 0)) return true;
+        pair->limit = pliant_advance_limit(&on->advance->rule, on->self->thickness, distance);
+    }
+    if (!(distance >= pair->limit)) return true;
+    const double ahead = step_of(on, pair, pair->t, normal, distance);
+    if (ahead >= left) {
+        pair->t = 1;
+        return true;
+    }
+    pair->t += part_of_step * ahead;
+    pair->iterations++;
+    return pair->iterations >= MOST_ITERATIONS || ahead < least_step ||
+           (distance - pair->limit < near_limit * pair->limit && ahead < little);
+}
+
+/* ---- a leg */
+
+pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                       const double *from, const double *to, const pliant_advance_self *self,
+                                       int num_threads, pliant_advance_self_result *out)
+{
+    search on = {
+        .advance = advance, .from = from, .to = to, .self = self, .margin = advance->rule.stop * self->thickness};
+    const int threads = pliant_threads_of(num_threads);
+    pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}, .least = INFINITY};
+    advance->num_self = 0;
+    pliant_status status =
+        num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, from, to) : PLIANT_OK;
+    if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on, NULL);
+    if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_self);
+    if (status != PLIANT_OK) return status;
+    int64_t distances = 0;
+    const bool parallel = threads > 1 && advance->num_self > 256;
+#pragma omp parallel for schedule(static) num_threads(threads) reduction(+ : distances) if (parallel)
+    for (int32_t n = 0; n < advance->num_self; n++) advance->self[n].ends = step(&on, advance->self + n, &distances);
+    int32_t left = 0;
+    for (int32_t n = 0; n < advance->num_self; n++)
+        if (advance->self[n].t < 1) advance->rank[left++] = (pliant_advance_rank){advance->self[n].t, n};
+    pliant_advance_sort(left, advance->rank);
+    for (int32_t n = 0; n < left && advance->rank[n].t < result.t; n++) {
+        pliant_advance_self_pair *pair = advance->self + advance->rank[n].pair;
+        while (!pair->ends && pair->t < result.t) pair->ends = step(&on, pair, &distances);
+        if (pair->t >= result.t) continue;
+        result.t = pair->t;
+        result.is_edges = pair->is_edges;
+        memcpy(result.node, pair->node, sizeof result.node);
+    }
+    double least = INFINITY;
+#pragma omp parallel for schedule(static) num_threads(threads) reduction(min : least) reduction(+ : distances) \
+    if (parallel)
+    for (int32_t n = 0; n < advance->num_self; n++) {
+        double normal[3];
+        least = fmin(least, look(&on, advance->self + n, result.t, normal));
+        distances++;
+    }
+    result.pairs = advance->num_self;
+    result.distances = distances;
+    result.least = least;
+    *out = result;
+    return PLIANT_OK;
+}
+
+pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
+                                        const double *positions, const pliant_advance_self *self, int num_threads,
+                                        pliant_advance_self_audit *out)
+{
+    search on = {.advance = advance, .from = positions, .to = positions, .self = self, .margin = self->thickness};
+    pliant_advance_self_audit audit = {.least = INFINITY, .node = {-1, -1, -1, -1, -1}};
+    (void)num_threads;
+    advance->num_self = 0;
+    pliant_status status =
+        num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, positions, positions)
+                          : PLIANT_OK;
+    if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on, &audit);
+    if (status != PLIANT_OK) return status;
+    for (int32_t n = 0; n < advance->num_self; n++) {
+        double normal[3];
+        audit.least = fmin(audit.least, look(&on, advance->self + n, 0, normal));
+    }
+    *out = audit;
+    return PLIANT_OK;
+}

@@ -1,0 +1,43 @@
+/* A tree of boxes around the surface's triangles through a leg. Its structure stays until the triangles change; its
+ * boxes are computed for each leg. */
+#ifndef PLIANT_CONTACT_ADVANCE_TREE_H
+#define PLIANT_CONTACT_ADVANCE_TREE_H
+
+#include "contact/advance/advance.h"
+
+/* Around what moves through a leg. */
+typedef struct pliant_advance_box {
+    double low[3], high[3];
+} pliant_advance_box;
+
+enum { PLIANT_OWNS_NODE = 1, PLIANT_OWNS_EDGE = 8 }; /* shifted by 0, 1 or 2; edge k joins the corners k and k + 1 */
+
+typedef struct pliant_advance_branch {
+    int32_t first, count; /* triangles in order */
+    int32_t child;        /* first of two; a leaf: -1 */
+} pliant_advance_branch;
+
+typedef struct pliant_advance_tree {
+    int32_t num_triangles, num_branches, max_triangles;
+    int32_t *triangles;            /* (num_triangles x 3) as they were when the tree was built */
+    uint8_t *owns;                 /* (num_triangles) each node and each edge of the surface belongs to one triangle */
+    int32_t *order;                /* (num_triangles) */
+    pliant_advance_branch *branch; /* (num_branches) parents before children */
+    pliant_advance_box *box;       /* (num_triangles) in order */
+    pliant_advance_box *around;    /* (num_branches) */
+} pliant_advance_tree;
+
+/* Errors: MEMORY (the tree is empty then) */
+pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
+                                         const double *from, const double *to);
+void pliant_advance_tree_free(pliant_advance_tree *tree);
+
+pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from, const double *to);
+
+static inline bool pliant_advance_box_is_apart(const pliant_advance_box *a, const pliant_advance_box *b, double margin)
+{
+    return (a->low[0] > b->high[0] + margin) | (b->low[0] > a->high[0] + margin) | (a->low[1] > b->high[1] + margin) |
+           (b->low[1] > a->high[1] + margin) | (a->low[2] > b->high[2] + margin) | (b->low[2] > a->high[2] + margin);
+}
+
+#endif

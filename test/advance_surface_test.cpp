@@ -1,0 +1,475 @@
+// Legs of whole surfaces: chains of legs, tissue that moves with a part, released and held tissue, tissue against
+// itself, and what callers rely on.
+#include "advances.h"
+#include "base/rotate.h"
+#include "contact/shapes/shapes.h"
+#include "pliant/memory.h"
+
+#include <algorithm>
+#include <functional>
+#include <vector>
+
+namespace
+{
+
+const double identity[4] = {0, 0, 0, 1};
+
+// A sheet in the plane z = 0 around the origin.
+struct Sheet {
+    std::vector<double> from, to;
+    std::vector<int32_t> triangles;
+
+    explicit Sheet(int across = 12, double width = 0.06) { add(across, width, 0); }
+    void add(int across, double width, double z)
+    {
+        const int32_t first = num_nodes();
+        for (int j = 0; j <= across; j++)
+            for (int i = 0; i <= across; i++)
+                from.insert(from.end(), {width * (i / double(across) - 0.5), width * (j / double(across) - 0.5), z});
+        for (int j = 0; j < across; j++)
+            for (int i = 0; i < across; i++) {
+                const int32_t a = first + j * (across + 1) + i, b = a + 1, c = a + across + 1, d = c + 1;
+                triangles.insert(triangles.end(), {a, b, d, a, d, c});
+            }
+        to = from;
+    }
+    int32_t num_nodes() const { return static_cast<int32_t>(from.size() / 3); }
+    int32_t num_triangles() const { return static_cast<int32_t>(triangles.size() / 3); }
+    void move(const std::function<void(double x[3])> &how)
+    {
+        to = from;
+        for (int32_t n = 0; n < num_nodes(); n++) how(to.data() + 3 * n);
+    }
+    void advance(double t)
+    {
+        for (size_t n = 0; n < from.size(); n++) from[n] += t * (to[n] - from[n]);
+        to = from;
+    }
+};
+
+// Tools and the sheet.
+struct Scene {
+    Sheet sheet;
+    Advance with;
+    std::vector<pliant_tool_shape> shapes;
+    std::vector<pliant_advance_part> parts;
+
+    void add(const pliant_tool_shape &shape, const Vector &tip)
+    {
+        shapes.reserve(8);
+        shapes.push_back(shape);
+        for (int32_t p = 0; p < shape.num_parts; p++) {
+            pliant_advance_part part{};
+            part.part = &shapes.back().part[p];
+            part.shape = &shapes.back();
+            part.guard = 2e-4;
+            std::copy(tip.begin(), tip.end(), part.from.tip);
+            std::copy(identity, identity + 4, part.from.rotation);
+            part.to = part.from;
+            parts.push_back(part);
+        }
+    }
+    pliant_advance_result find(int threads = 1)
+    {
+        pliant_advance_result out{};
+        EXPECT_EQ(pliant_advance_find(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                      sheet.to.data(), static_cast<int32_t>(parts.size()), parts.data(), threads, &out),
+                  PLIANT_OK);
+        return out;
+    }
+    pliant_advance_audit_result audit()
+    {
+        pliant_advance_audit_result out{};
+        EXPECT_EQ(pliant_advance_audit(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                       static_cast<int32_t>(parts.size()), parts.data(), 1, &out),
+                  PLIANT_OK);
+        return out;
+    }
+    void advance(double t)
+    {
+        sheet.advance(t);
+        for (auto &part : parts) {
+            pliant_tool_pose_between(&part.from, &part.to, t, &part.from);
+            part.to = part.from;
+        }
+    }
+};
+
+pliant_tool_shape ball(double radius, double x = 0)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0].kind = PLIANT_PART_SPHERE;
+    shape.part[0].from[0] = x;
+    shape.part[0].radius = radius;
+    return shape;
+}
+
+pliant_tool_shape rod(double length, double radius)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0].kind = PLIANT_PART_CAPSULE;
+    shape.part[0].from[0] = -0.5 * length;
+    shape.part[0].to[0] = 0.5 * length;
+    shape.part[0].radius = radius;
+    return shape;
+}
+
+pliant_tool_shape blade()
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 1;
+    shape.part[0].kind = PLIANT_PART_BOX;
+    const double low[3] = {-0.01, -5e-4, 0}, high[3] = {0.01, 5e-4, 0.04};
+    std::copy(low, low + 3, shape.part[0].from);
+    std::copy(high, high + 3, shape.part[0].to);
+    return shape;
+}
+
+pliant_tool_shape driver()
+{
+    pliant_tool_shape shape{};
+    EXPECT_EQ(pliant_tool_shape_find("large_needle_driver", &shape), PLIANT_OK);
+    return shape;
+}
+
+// Whatever is asked of the parts and the tissue, leg after leg, they never overlap.
+TEST(AdvanceSurface, AChainOfLegsNeverLetsACoreIn)
+{
+    Random random(5);
+    int moved = 0, blocked = 0;
+    for (int scene = 0; scene < 20; scene++) {
+        Scene on;
+        on.add(scene % 4 == 0   ? ball(2e-3)
+               : scene % 4 == 1 ? rod(0.03, 1e-3)
+               : scene % 4 == 2 ? blade()
+                                : driver(),
+               {0, 0, 0.012});
+        if (scene % 4 == 3) // its shaft comes from above
+            for (auto &part : on.parts) turn({1, 0, 0}, M_PI, part.from.rotation);
+        for (int n = 0; n < 50; n++) {
+            const double angle = random.happens(0.5) ? 0 : random.wide(1e-3, 3),
+                         jaw = random.happens(0.5) ? 0 : random(-1, 1), way = random.wide(1e-4, 0.02);
+            const Vector about = random.direction(), towards = random.direction();
+            double by[4];
+            turn(about, angle, by);
+            for (auto &part : on.parts) {
+                part.to = part.from;
+                multiply(by, part.from.rotation, part.to.rotation);
+                for (int d = 0; d < 3; d++)
+                    part.to.tip[d] +=
+                        way * towards[d] - (d == 2 ? 0.3 * way + 0.2 * part.from.tip[2] : 0.1 * part.from.tip[d]);
+                part.to.jaw += jaw;
+            }
+            const Vector wave = random.direction(), phase = random.direction();
+            const double size = random.wide(1e-5, 5e-3);
+            on.sheet.move([&](double x[3]) {
+                const double along = 100 * (wave[0] * x[0] + wave[1] * x[1]);
+                for (int d = 0; d < 3; d++) x[d] += size * std::sin(along + 3 * phase[d]) - (d == 2 ? 0.2 * x[2] : 0);
+            });
+            const pliant_advance_result found = on.find();
+            on.advance(found.t);
+            const pliant_advance_audit_result audit = on.audit();
+            ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n << " part " << audit.crossing_part
+                                          << " triangle " << audit.crossing_triangle;
+            ASSERT_GT(audit.least, 0.02 * 2e-4 * 0.999) << "scene " << scene << " leg " << n;
+            if (std::isfinite(found.least) && audit.least < 1e-4)
+                EXPECT_NEAR(found.least, audit.least, 1e-3 * audit.least);
+            moved += found.t > 1e-3;
+            blocked += found.t < 1;
+        }
+    }
+    std::printf("1000 legs: %d blocked, %d moved\n", blocked, moved);
+    EXPECT_GT(blocked, 200);
+    EXPECT_GT(moved, 500);
+}
+
+// A part that is pressed on tissue, 0.1 mm above its core, goes along with it.
+TEST(AdvanceSurface, PartsThatMoveWithTheTissueAreNotSlowed)
+{
+    for (const auto &shape : {ball(2e-3), rod(0.03, 1e-3), blade()}) {
+        Scene on;
+        const double rest = shape.part[0].kind == PLIANT_PART_BOX ? 0 : shape.part[0].radius;
+        on.add(shape, {0, 0, rest - 1e-4});
+        ASSERT_NEAR(on.audit().least, 1e-4, 1e-9);
+        const double by[3] = {0.02, -0.03, 0.05};
+        double turned[4];
+        turn({0.6, 0, 0.8}, 0.06, turned);
+        on.sheet.move([&](double x[3]) {
+            double apart[3] = {x[0], x[1], x[2] - on.parts[0].from.tip[2]}, out[3];
+            pliant_rotate(turned, apart, out);
+            for (int d = 0; d < 3; d++) x[d] = on.parts[0].from.tip[d] + out[d] + by[d];
+        });
+        on.parts[0].to = on.parts[0].from;
+        for (int d = 0; d < 3; d++) on.parts[0].to.tip[d] += by[d];
+        std::copy(turned, turned + 4, on.parts[0].to.rotation);
+        const pliant_advance_result found = on.find();
+        EXPECT_EQ(found.t, 1) << "kind " << shape.part[0].kind;
+        EXPECT_NEAR(found.least, 1e-4, 2e-6);
+    }
+}
+
+TEST(AdvanceSurface, SlidingIsNotSlowed)
+{
+    for (const auto &shape : {ball(2e-3), rod(0.03, 1e-3), blade()}) {
+        Scene on;
+        const double rest = shape.part[0].kind == PLIANT_PART_BOX ? 0 : shape.part[0].radius;
+        on.add(shape, {-0.01, 0, rest - 5e-5});
+        on.parts[0].to.tip[0] += 0.02;
+        turn({0, 0, 1}, 0.8, on.parts[0].to.rotation);
+        const pliant_advance_result found = on.find();
+        EXPECT_EQ(found.t, 1) << "kind " << shape.part[0].kind;
+        EXPECT_GT(found.least, 1.5e-4 - 1e-9);
+        EXPECT_LT(found.distances, 60 * (found.pairs + 1));
+    }
+}
+
+TEST(AdvanceSurface, APartStopsAboveTheTissue)
+{
+    Scene on;
+    on.add(ball(2e-3), {0.001, 0.002, 0.01});
+    on.parts[0].to.tip[2] = -0.01;
+    const pliant_advance_result found = on.find();
+    const double height = 0.01 - 0.02 * found.t - (2e-3 - 2e-4); // of the core
+    EXPECT_NEAR(height, 0.5 * 2e-4, 0.02 * 2e-4);
+    EXPECT_GT(height, 0.5 * 2e-4);
+    EXPECT_NEAR(found.least, height, 1e-9);
+    EXPECT_EQ(found.part, 0);
+    EXPECT_GE(found.triangle, 0);
+}
+
+TEST(AdvanceSurface, OverlapsStopTheLegUnlessReleased)
+{
+    Scene on;
+    on.add(ball(2e-3), {0, 0, 0});
+    on.parts[0].to.tip[2] = 0.003;
+    EXPECT_LT(on.audit().least, 0);
+    EXPECT_GT(on.audit().crossings, 0);
+    EXPECT_EQ(on.find().t, 0);
+    on.parts[0].released = true;
+    EXPECT_GT(on.find().t,
+              0.4); // out, until triangles beside it that it does not overlap are in the way, or all the way
+    EXPECT_EQ(on.audit().crossings, 0);
+    // what it does not overlap yet it may not enter
+    on.parts[0].to = on.parts[0].from;
+    on.parts[0].to.tip[0] = 0.02;
+    EXPECT_LT(on.find().t, 0.5);
+}
+
+TEST(AdvanceSurface, HeldTissueIsExempt)
+{
+    Scene on;
+    on.add(ball(2e-3), {0, 0, 0.004});
+    on.parts[0].to.tip[2] = 0;
+    EXPECT_LT(on.find().t, 1);
+    std::vector<int32_t> held;
+    for (int32_t n = 0; n < on.sheet.num_nodes(); n++)
+        if (std::hypot(on.sheet.from[3 * n], on.sheet.from[3 * n + 1]) < 0.008) held.push_back(n);
+    on.parts[0].num_held = static_cast<int32_t>(held.size());
+    on.parts[0].held = held.data();
+    EXPECT_EQ(on.find().t, 1);
+}
+
+TEST(AdvanceSurface, AHalfSpaceStopsTissueThatFalls)
+{
+    Scene on;
+    pliant_part floor{};
+    floor.kind = PLIANT_PART_HALF_SPACE;
+    floor.from[2] = -0.005;
+    floor.to[2] = 2;
+    pliant_advance_part part{};
+    part.part = &floor;
+    part.guard = 2e-4;
+    on.parts.push_back(part);
+    on.sheet.move([](double x[3]) { x[2] -= 0.01 + x[0] * 0.01; });
+    const pliant_advance_result found = on.find();
+    const double lowest = -(0.01 + 0.03 * 0.01) * found.t;
+    EXPECT_NEAR(lowest, -0.005 - 2e-4 + 1e-4, 3e-6);
+}
+
+TEST(AdvanceSurface, ThreadsDoNotChangeTheResult)
+{
+    Random random(3);
+    for (int n = 0; n < 20; n++) {
+        Scene on;
+        for (int k = 0; k < 4; k++) on.add(driver(), {random(-0.02, 0.02), random(-0.02, 0.02), 0.004});
+        for (auto &part : on.parts) {
+            turn({1, 0, 0}, M_PI, part.from.rotation);
+            part.to = part.from;
+            turn({1, 0, 0}, M_PI + 0.3, part.to.rotation);
+            part.to.tip[2] -= 0.01;
+        }
+        on.sheet.move([&](double x[3]) { x[2] += 0.001 * std::sin(200 * x[0] + n); });
+        const pliant_advance_result one = on.find(1), two = on.find(2);
+        EXPECT_EQ(one.t, two.t);
+        EXPECT_EQ(one.part, two.part);
+        EXPECT_EQ(one.triangle, two.triangle);
+        EXPECT_EQ(one.pairs, two.pairs);
+        EXPECT_EQ(one.distances, two.distances);
+        EXPECT_EQ(one.least, two.least);
+    }
+}
+
+// ---- tissue on tissue
+
+struct Layers {
+    Sheet sheet;
+    Advance with;
+    pliant_advance_self self{};
+    Layers() { self.thickness = 1e-4; }
+    pliant_advance_self_result find(int threads = 1)
+    {
+        pliant_advance_self_result out{};
+        EXPECT_EQ(pliant_advance_find_self(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                           sheet.to.data(), &self, threads, &out),
+                  PLIANT_OK);
+        return out;
+    }
+    pliant_advance_self_audit audit()
+    {
+        pliant_advance_self_audit out{};
+        EXPECT_EQ(pliant_advance_audit_self(with.room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                            &self, 1, &out),
+                  PLIANT_OK);
+        return out;
+    }
+};
+
+TEST(AdvanceSelf, LayersStopBeforeEachOther)
+{
+    Layers on;
+    const int32_t below = on.sheet.num_nodes();
+    on.sheet.add(9, 0.05, -0.003);
+    std::vector<double> heights;
+    on.sheet.move([](double x[3]) { x[2] = x[2] < -0.001 ? x[2] + 0.004 : x[2] - 0.002; });
+    const pliant_advance_self_result found = on.find();
+    EXPECT_NEAR(0.003 - 0.006 * found.t, 0.5 * 1e-4, 1e-6);
+    EXPECT_NEAR(found.least, 0.5 * 1e-4, 1e-6);
+    EXPECT_EQ(found.node[0] < below, found.node[3] >= below);
+    on.sheet.advance(found.t);
+    EXPECT_NEAR(on.audit().least, found.least, 1e-12);
+    EXPECT_EQ(on.audit().crossings, 0);
+    on.sheet.move([](double x[3]) { // together, and along each other
+        x[0] += x[2] < -0.002 ? 0.1 : 0.09;
+        x[2] += 0.05;
+    });
+    EXPECT_EQ(on.find().t, 1);
+}
+
+TEST(AdvanceSelf, ReleasedComponentsAreExempt)
+{
+    Layers on;
+    std::vector<int32_t> component(static_cast<size_t>(on.sheet.num_nodes()), 4);
+    on.sheet.add(9, 0.05, -0.001);
+    component.resize(static_cast<size_t>(on.sheet.num_nodes()), 7);
+    on.sheet.move([](double x[3]) { x[2] += x[2] < -5e-4 ? 0.003 : 0; });
+    on.self.component = component.data();
+    EXPECT_LT(on.find().t, 1);
+    const int32_t released[1][2] = {{4, 7}};
+    on.self.released = released;
+    on.self.num_released = 1;
+    EXPECT_EQ(on.find().t, 1);
+    on.sheet.advance(1);
+    on.sheet.move([](double x[3]) { x[2] += 0.001 * std::sin(50 * x[0]); });
+    on.sheet.advance(1);
+    on.self.num_released = 0;
+    EXPECT_EQ(on.audit().crossings, 0);
+}
+
+// Sheets that are crumpled at random, leg after leg: no edge ever passes through a triangle.
+TEST(AdvanceSelf, ACrumpledSheetNeverPassesThroughItself)
+{
+    Random random(17);
+    int blocked = 0, moved = 0;
+    for (int scene = 0; scene < 5; scene++) {
+        Layers on;
+        on.sheet.add(7, 0.04, 0.004);
+        for (int n = 0; n < 40; n++) {
+            const Vector wave = random.direction(), push = random.direction(), phase = random.direction();
+            const double size = random.wide(1e-4, 0.01), own = random.wide(1e-6, 1e-3);
+            on.sheet.move([&](double x[3]) {
+                const double along = 150 * (wave[0] * x[0] + wave[1] * x[1] + wave[2] * x[2]);
+                for (int d = 0; d < 3; d++)
+                    x[d] += size * push[d] * std::sin(along + 3 * phase[d]) - 0.1 * x[d] + own * random(-1, 1);
+            });
+            const pliant_advance_self_result found = on.find(), again = on.find(2);
+            EXPECT_EQ(found.t, again.t);
+            EXPECT_EQ(found.distances, again.distances);
+            EXPECT_TRUE(std::equal(found.node, found.node + 4, again.node));
+            on.sheet.advance(found.t);
+            const pliant_advance_self_audit audit = on.audit();
+            ASSERT_EQ(audit.crossings, 0) << "scene " << scene << " leg " << n;
+            ASSERT_GT(audit.least, 0.02 * 1e-4 * 0.999) << "scene " << scene << " leg " << n;
+            blocked += found.t < 1;
+            moved += found.t > 1e-3;
+        }
+    }
+    std::printf("200 legs: %d blocked, %d moved\n", blocked, moved);
+    EXPECT_GT(blocked, 50);
+    EXPECT_GT(moved, 50);
+}
+
+TEST(AdvanceSelf, AnAuditFindsCrossings)
+{
+    Layers on;
+    on.sheet.add(3, 0.02, 0.001);
+    on.sheet.move([](double x[3]) { x[2] -= x[2] > 0 ? 0.002 * (x[0] > 0) : 0; });
+    on.sheet.advance(1);
+    EXPECT_GT(on.audit().crossings, 0);
+}
+
+TEST(AdvanceSurface, EveryAllocationMayFail)
+{
+    for (bool self : {false, true})
+        for (int n = 0; n < 40; n++) {
+            pliant_advance *room = nullptr;
+            Sheet sheet;
+            sheet.add(9, 0.05, -3e-5);
+            const pliant_tool_shape shape = ball(2e-3);
+            pliant_advance_part part{};
+            part.part = &shape.part[0];
+            part.shape = &shape;
+            part.guard = 2e-4;
+            std::copy(identity, identity + 4, part.from.rotation);
+            part.from.tip[2] = 1.85e-3;
+            part.to = part.from;
+            pliant_advance_self how{};
+            how.thickness = 1e-4;
+            pliant_advance_result out{};
+            pliant_advance_self_result of_self{};
+            out.t = of_self.t = -5;
+            pliant_memory_fail_after(n);
+            pliant_status status = pliant_advance_create(nullptr, &room);
+            if (status == PLIANT_OK && !self)
+                status = pliant_advance_find(room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                             sheet.to.data(), 1, &part, 1, &out);
+            if (status == PLIANT_OK && self)
+                status = pliant_advance_find_self(room, sheet.num_triangles(), sheet.triangles.data(),
+                                                  sheet.from.data(), sheet.to.data(), &how, 1, &of_self);
+            pliant_memory_fail_after(-1);
+            if (status != PLIANT_OK) {
+                EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
+                EXPECT_EQ(out.t, -5);
+                EXPECT_EQ(of_self.t, -5);
+            }
+            if (room) { // and it goes on
+                EXPECT_EQ(pliant_advance_find(room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
+                                              sheet.to.data(), 1, &part, 1, &out),
+                          PLIANT_OK);
+                EXPECT_EQ(pliant_advance_find_self(room, sheet.num_triangles(), sheet.triangles.data(),
+                                                   sheet.from.data(), sheet.to.data(), &how, 1, &of_self),
+                          PLIANT_OK);
+                EXPECT_EQ(out.t, 1);
+                EXPECT_EQ(of_self.t, 1);
+            }
+            pliant_advance_free(room);
+            if (status == PLIANT_OK) {
+                EXPECT_GT(n, self ? 7 : 4);
+                break;
+            }
+            ASSERT_LT(n, 39);
+        }
+}
+
+} // namespace
