@@ -227,7 +227,8 @@ PLIANT_API pliant_status pliant_data_cut(const pliant_model *model, pliant_data 
  *  Errors: ARGUMENT (nothing to undo), and as of pliant_data_set_body. */
 PLIANT_API pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data);
 
-/** Distance from a tool's tip to the surface of the tissue [m], negative inside; +infinity when the tool is not present. */
+/** Return the signed distance from a tool's tip to the surface that contact uses, where the skin is within the elements [m]. It is negative inside the tissue,
+ *  +infinity when the tool is not present, and NaN without memory. The first call for a body prepares the surface. */
 PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
 
 /** Fine tetrahedra of a simulation that are turned inside out now. */

@@ -721,5 +721,5 @@ class Tool:
 
     @property
     def clearance(self):
-        """From the tip to the tissue's surface, negative inside [m]."""
+        """Signed distance from the tip to the surface that contact uses, negative inside the tissue [m]."""
         return _c.library.pliant_tool_clearance(self._sim.model._model, self._sim._data, self._index)

@@ -98,6 +98,7 @@ typedef struct pliant_undo {
 typedef struct pliant_contact_search pliant_contact_search; /* room, and sides of parts on which the tissue is (src/sim/step/contact.c) */
 
 typedef struct pliant_rollback pliant_rollback; /* state at the begin of a step (src/sim/step/rollback.c) */
+typedef struct pliant_clearance pliant_clearance; /* the surface that contact uses, for distances to it (src/tool/clearance.c) */
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
@@ -146,6 +147,7 @@ struct pliant_data {
     double *positions;        /* (body->fine.num_nodes x 3) LPS [m]; written by every step */
     /* OF A STEP THAT FAILS */
     pliant_rollback *rollback; /* Nullable: there was no step yet */
+    pliant_clearance *clearance; /* empty until a tool's distance to the tissue is asked for */
     /* WARP */
     pliant_warp *warp;        /* Nullable: only when pliant_data_set_warp asked for it */
 

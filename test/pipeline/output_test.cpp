@@ -62,6 +62,63 @@ TEST_F(Output, ClearanceOfABox)
     }
 }
 
+// The skin ends within elements. Clearance is the distance to the skin, which contact uses, not to the border of the elements.
+TEST(Clearance, IsThatOfTheSkinWithinElements)
+{
+    const int voxels[3] = {20, 20, 20};
+    const double edge[3] = {0.1, 0.1, 0.1};
+    for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
+        for (pliant_cut_kind cut : {PLIANT_CUT_NONE, PLIANT_CUT_SEVER})
+            for (int layers : {12, 13, 14}) {
+                Body body(voxels, edge, {{5000, 0.3, 1000, false}, {10, 0, 1, true}}, [&](int, int, int k) { return k < layers ? 0 : 1; });
+                body.cells(4, 4, 4, 1);
+                body.scene.element.kind = kind;
+                body.scene.cut.kind = cut;
+                body.fix_plane(0, 0, 1e-4, 0, 0, 1);
+                ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+                int tool;
+                ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+                const double skin = 0.005 * layers;
+                for (double height : {0.01, 0.0002, -0.0002, -0.01}) {
+                    const double tip[3] = {0.052, 0.047, skin + height};
+                    ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+                    EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), height, 1e-9) << layers << " layers";
+                }
+                // the skin goes along: stretched by a tenth along z
+                for (int32_t n = 0; n < body.data->body->fine.num_nodes; n++) body.data->positions[3 * n + 2] *= 1.1;
+                const double tip[3] = {0.052, 0.047, 1.1 * skin + 0.01};
+                ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+                EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), 0.01, 1e-9) << layers << " layers";
+            }
+}
+
+// A ball of 35 mm in elements of 5 mm and voxels of 1 mm. No corner of the surface stays at a node beyond the skin: the error is below a quarter of an element,
+// on either side.
+TEST(Clearance, OfABallIsThatOfItsSkin)
+{
+    const int voxels[3] = {100, 100, 100};
+    const double edge[3] = {0.1, 0.1, 0.1}, radius = 0.035;
+    Body body(voxels, edge, {{5000, 0.3, 1000, false}, {10, 0, 1, true}},
+              [&](int i, int j, int k) { return std::hypot(std::hypot(0.001 * i - 0.0495, 0.001 * j - 0.0495), 0.001 * k - 0.0495) < radius ? 0 : 1; });
+    body.cells(20, 20, 20, 1);
+    body.fix_plane(0, 0, 0.03, 0, 0, 1);
+    ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
+    int tool;
+    ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
+    double worst = 0;
+    for (int n = 0; n < 100; n++) {
+        const double z = (n + 0.5) / 50 - 1, turn = 2.4 * n, flat = std::sqrt(1 - z * z), out[3] = {flat * std::cos(turn), flat * std::sin(turn), z};
+        for (double height : {0.01, -0.01}) {
+            double tip[3];
+            for (int d = 0; d < 3; d++) tip[d] = 0.05 + (radius + height) * out[d];
+            ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
+            worst = std::fmax(worst, std::fabs(pliant_tool_clearance(body.model, body.data, tool) - height));
+        }
+    }
+    std::printf("clearance of a ball: error up to %.3f mm\n", 1e3 * worst);
+    EXPECT_LT(worst, 0.25 * 0.005);
+}
+
 // Something fixed that no coarse node lies in holds the coarse mesh all the same, by the nodes nearest to it.
 TEST(CoarseMesh, IsHeldByWhatLiesBetweenItsNodes)
 {

@@ -496,6 +496,8 @@ TEST(Convert, ContactOfAToolThatIsNotThere)
     EXPECT_EQ(message.areas[0], 0.25f);
     contact_message(tool, -0.01, {}, &message);
     EXPECT_TRUE(message.points.empty());
+    contact_message(tool, 0.002, {pressed}, &message);
+    EXPECT_TRUE(message.touching) << "the tip stays outside where the shape presses";
 }
 
 TEST(Convert, ContactTellsWhereTheToolHolds)

@@ -10,6 +10,7 @@
 
 static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
 static const double farthest = 1;   /* of the shortest edge of a cube */
+static const double deepest = 1.4142135623730951; /* times that, inwards: the longest edge of a tetrahedron */
 static const double almost_none = 1e-5; /* of an element is tissue, or is not */
 static const double half = 0.5;     /* of a tetrahedron is tissue; of what is around a point */
 
@@ -122,7 +123,7 @@ static double way_to_tissue(const pliant_outside_voxels *voxels, const double at
     const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
     double before = 0, origin[3];
     pliant_geometry_to_world(voxels->geometry, (const double[3]){0, 0, 0}, origin);
-    for (double way = reach; way >= -reach; way -= stride) {
+    for (double way = reach; way >= -deepest * reach; way -= stride) {
         double there[3];
         for (int d = 0; d < 3; d++) there[d] = at[d] + way * normal[d];
         const double tissue = tissue_at(voxels, origin, there);
@@ -325,19 +326,24 @@ static const double *share_of(const pliant_outside *outside, int32_t node)
     return outside->share[outside->view.node_parent ? outside->view.node_parent[node] : node];
 }
 
+void pliant_outside_corner(const pliant_outside *outside, int32_t node, const double *positions, double out[3])
+{
+    const int32_t tet = outside->tet[node];
+    memcpy(out, positions + 3 * (size_t)node, 3 * sizeof *out);
+    if (tet < 0) return;
+    const int32_t *corner = outside->view.fine.tets + 4 * (size_t)tet;
+    const double *share = share_of(outside, node);
+    memset(out, 0, 3 * sizeof *out);
+    for (int v = 0; v < 4; v++)
+        for (int d = 0; d < 3; d++) out[d] += share[v] * positions[3 * (size_t)corner[v] + (size_t)d];
+}
+
 void pliant_outside_place(pliant_outside *outside, const double *positions)
 {
     const pliant_mesh *mesh = &outside->view.fine;
     memcpy(outside->positions, positions, 3 * (size_t)mesh->num_nodes * sizeof *positions);
-    for (int32_t n = 0; n < mesh->num_nodes; n++) {
-        if (outside->tet[n] < 0) continue;
-        const int32_t *corner = mesh->tets + 4 * (size_t)outside->tet[n];
-        const double *share = share_of(outside, n);
-        double at[3] = {0, 0, 0};
-        for (int v = 0; v < 4; v++)
-            for (int d = 0; d < 3; d++) at[d] += share[v] * positions[3 * (size_t)corner[v] + (size_t)d];
-        memcpy(outside->positions + 3 * (size_t)n, at, sizeof at);
-    }
+    for (int32_t n = 0; n < mesh->num_nodes; n++)
+        if (outside->tet[n] >= 0) pliant_outside_corner(outside, n, positions, outside->positions + 3 * (size_t)n);
 }
 
 static void add_weight(pliant_contact_point *point, int32_t node, double weight)

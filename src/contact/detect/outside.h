@@ -42,6 +42,8 @@ typedef struct pliant_outside {
 void pliant_outside_free(pliant_outside *outside); /* what it holds */
 /* Another body, unless it is this one. Errors: MEMORY. */
 pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels, const pliant_body *body);
+/* Where the corner of a node of the surface is. @param positions of nodes [m] */
+void pliant_outside_corner(const pliant_outside *outside, int32_t node, const double *positions, double out[3]);
 /* outside->positions, from those of nodes */
 void pliant_outside_place(pliant_outside *outside, const double *positions);
 /* Points that were found there: weights of corners become those of nodes. */

@@ -326,7 +326,7 @@ void contact_message(const pliant_tool_state &tool, double clearance, const std:
     }
     out->tool = tool.name;
     out->present = tool.present;
-    out->touching = tool.present && clearance <= 0;
+    out->touching = tool.present && (clearance <= 0 || !contacts.empty());
     out->grasped = tool.holding;
     out->held_nodes = tool.holding ? static_cast<uint32_t>(tool.num_held) : 0;
     out->clearance = tool.present ? static_cast<float>(clearance) : std::numeric_limits<float>::infinity();

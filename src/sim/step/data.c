@@ -6,6 +6,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/rigid/falling.h"
 #include "fem/quasistatic/solver.h"
+#include "tool/clearance.h"
 #include "tool/tool.h"
 #include "pliant/memory.h"
 #include "sim/step/contact.h"
@@ -33,6 +34,7 @@ static pliant_status fill(const pliant_model *model, pliant_data *data)
     data->discretization = pliant_discretization_retain(model->discretization);
     data->last_revision = data->body->revision;
     data->parts = 1;
+    if (!(data->clearance = pliant_clearance_create())) return pliant_fail_memory("the simulation state");
     data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) return status;
@@ -83,6 +85,7 @@ void pliant_data_free(pliant_data *data)
     pliant_substeps_free(data);
     pliant_frame_parts_free(data);
     pliant_rollback_free(data->rollback);
+    pliant_clearance_free(data->clearance);
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);

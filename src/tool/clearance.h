@@ -1,0 +1,18 @@
+/* Signed distance of a point to the surface that contact uses (contact/detect/outside.h), at the positions of the last step. */
+#ifndef PLIANT_TOOL_CLEARANCE_H
+#define PLIANT_TOOL_CLEARANCE_H
+
+#include "state/data.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* One for a simulation, empty until the first distance is asked for. NULL: no memory */
+pliant_clearance *pliant_clearance_create(void);
+void pliant_clearance_free(pliant_clearance *clearance); /* Nullable */
+
+#ifdef __cplusplus
+}
+#endif
+#endif
