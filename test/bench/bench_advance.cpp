@@ -120,6 +120,45 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 median(pairs), median(distances), median(fractions));
 }
 
+// two wavy sheets, 0.3 mm apart, that are pushed at random
+void measure_self(int across, double way, int threads)
+{
+    Sheet sheet(across);
+    const int32_t nodes = static_cast<int32_t>(sheet.from.size() / 3);
+    const size_t corners = sheet.triangles.size();
+    for (int32_t n = 0; n < nodes; n++)
+        sheet.from.insert(sheet.from.end(), {sheet.from[3 * n], sheet.from[3 * n + 1], sheet.from[3 * n + 2] + 3e-4});
+    for (size_t c = 0; c < corners; c++) sheet.triangles.push_back(sheet.triangles[c] + nodes);
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> any(-1, 1);
+    std::vector<double> times, pairs, distances, fractions;
+    pliant_advance *advance = nullptr;
+    pliant_advance_create(nullptr, &advance);
+    for (int n = 0; n < 20; n++) {
+        const double x = 0.05 * any(random), y = 0.05 * any(random);
+        sheet.to = sheet.from;
+        for (size_t k = 0; k < sheet.to.size(); k += 3) {
+            const double square = std::pow(sheet.to[k] - x, 2) + std::pow(sheet.to[k + 1] - y, 2);
+            sheet.to[k + 2] -= way * std::exp(-square / 2e-4);
+            sheet.to[k] += 0.05 * way * any(random);
+        }
+        pliant_advance_self self{};
+        self.thickness = 1e-4;
+        pliant_advance_self_result found{};
+        const double begin = now();
+        pliant_advance_find_self(advance, static_cast<int32_t>(sheet.triangles.size() / 3), sheet.triangles.data(),
+                                 sheet.from.data(), sheet.to.data(), &self, threads, &found);
+        times.push_back(1e6 * (now() - begin));
+        pairs.push_back(found.pairs);
+        distances.push_back(static_cast<double>(found.distances));
+        fractions.push_back(found.t);
+    }
+    pliant_advance_free(advance);
+    std::printf("%-13s %6zu triangles, %4.1f mm: median %7.1f us, first %7.1f; pairs %5.0f, distances %6.0f, t %.2f\n",
+                "itself", sheet.triangles.size() / 3, 1e3 * way, times[times.size() / 2], times[0], pairs[10],
+                distances[10], fractions[10]);
+}
+
 } // namespace
 
 int main(int argc, char **argv)
@@ -152,6 +191,8 @@ int main(int argc, char **argv)
             measure("other solid", {bracket}, across, way, angle, threads);
         }
     }
+    for (const int across : {28, 88})
+        for (const double way : {2e-4, 2e-3, 2e-2}) measure_self(across, way, threads);
     for (pliant_solid *each : solids) pliant_solid_release(each);
     return 0;
 }

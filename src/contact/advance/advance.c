@@ -30,6 +30,7 @@ void pliant_advance_free(pliant_advance *advance)
     pliant_free(advance->motion);
     pliant_free(advance->box);
     pliant_free(advance->near);
+    pliant_free(advance->group);
     pliant_free(advance->self);
     pliant_advance_tree_free(&advance->tree);
     pliant_free(advance);

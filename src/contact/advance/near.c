@@ -28,6 +28,7 @@ static bool reserve(pliant_advance *advance, int32_t triangles, int32_t parts)
     if (triangles > advance->max_triangles) {
         if (!grow(&advance->box, triangles, sizeof *advance->box)) return false;
         if (!grow(&advance->near, triangles, sizeof *advance->near)) return false;
+        if (!grow(&advance->group, triangles, sizeof *advance->group)) return false;
         advance->max_triangles = triangles;
     }
     return true;
@@ -166,18 +167,25 @@ typedef struct reach {
     double margin;
 } reach;
 
+/* Around all parts but half-spaces, grown by the margin. */
+static box box_around(const pliant_advance *advance, int32_t first, int32_t end, double margin)
+{
+    box out = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int32_t p = first; p < end; p++)
+        for (int d = 0; d < 3 && advance->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
+            out.low[d] = lower(out.low[d], advance->motion[p].low[d] - margin);
+            out.high[d] = upper(out.high[d], advance->motion[p].high[d] + margin);
+        }
+    return out;
+}
+
 static reach reach_of(const pliant_advance *advance, int32_t count, double margin)
 {
     reach out = {.advance = advance,
-                 .all = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}},
+                 .all = box_around(advance, 0, count, margin),
                  .axis = {0, 1, 2},
                  .count = count,
                  .margin = margin};
-    for (int32_t p = 0; p < count; p++)
-        for (int d = 0; d < 3 && advance->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
-            out.all.low[d] = lower(out.all.low[d], advance->motion[p].low[d] - margin);
-            out.all.high[d] = upper(out.all.high[d], advance->motion[p].high[d] + margin);
-        }
     for (int n = 0; n < 2; n++)
         for (int k = 0; k < 2; k++) {
             const int a = out.axis[k], b = out.axis[k + 1];
@@ -237,18 +245,34 @@ static int32_t list_near(pliant_advance *advance, int32_t num_triangles, const i
     return found;
 }
 
+/* Of the listed triangles those near the parts from first to end, all of one tool. */
+static int32_t list_group(pliant_advance *advance, int32_t found, int32_t first, int32_t end, double margin)
+{
+    const box around = box_around(advance, first, end, margin);
+    const bool all = advance->motion[first].core.kind == PLIANT_PART_HALF_SPACE;
+    int32_t count = 0;
+    for (int32_t n = 0; n < found; n++)
+        if (all || !is_apart(advance->box + n, around.low, around.high, 0)) advance->group[count++] = n;
+    return count;
+}
+
 pliant_status pliant_advance_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
                                   double margin, bool still, int num_threads)
 {
+    int32_t end = 0, grouped = 0;
     advance->num_pairs = 0;
     if (count == 0 || num_triangles == 0) return PLIANT_OK;
     if (!reserve(advance, num_triangles, count)) return pliant_fail_memory("contact advance");
     for (int32_t p = 0; p < count; p++) pliant_advance_motion_init(parts + p, still, advance->motion + p);
     const int32_t found = list_near(advance, num_triangles, triangles, from, to, count, margin, num_threads);
-    for (int32_t p = 0; p < count; p++)
-        for (int32_t n = 0; n < found; n++) {
-            const int32_t t = advance->near[n], *node = triangles + 3 * (size_t)t;
+    for (int32_t p = 0; p < count; p++) {
+        if (p == end) {
+            for (end = p + 1; end < count && parts[p].shape && parts[end].shape == parts[p].shape; end++) {}
+            grouped = list_group(advance, found, p, end, margin);
+        }
+        for (int32_t k = 0; k < grouped; k++) {
+            const int32_t n = advance->group[k], t = advance->near[n], *node = triangles + 3 * (size_t)t;
             if (is_far(advance->motion + p, advance->box + n, margin) || is_held(parts + p, node) ||
                 stays_far(advance->motion + p, node, from, to, margin))
                 continue;
@@ -256,5 +280,6 @@ pliant_status pliant_advance_near(pliant_advance *advance, int32_t num_triangles
             advance->pair[advance->num_pairs++] =
                 (pliant_advance_pair){.part = p, .triangle = t, .weight = {1.0 / 3, 1.0 / 3, 1.0 / 3}};
         }
+    }
     return PLIANT_OK;
 }
