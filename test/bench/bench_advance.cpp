@@ -120,14 +120,14 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 median(pairs), median(distances), median(fractions));
 }
 
-// two wavy sheets, 0.3 mm apart, that are pushed at random
-void measure_self(int across, double way, int threads)
+// two wavy sheets, so far apart, that are pushed at random
+void measure_self(int across, double gap, double way, int threads)
 {
     Sheet sheet(across);
     const int32_t nodes = static_cast<int32_t>(sheet.from.size() / 3);
     const size_t corners = sheet.triangles.size();
     for (int32_t n = 0; n < nodes; n++)
-        sheet.from.insert(sheet.from.end(), {sheet.from[3 * n], sheet.from[3 * n + 1], sheet.from[3 * n + 2] + 3e-4});
+        sheet.from.insert(sheet.from.end(), {sheet.from[3 * n], sheet.from[3 * n + 1], sheet.from[3 * n + 2] + gap});
     for (size_t c = 0; c < corners; c++) sheet.triangles.push_back(sheet.triangles[c] + nodes);
     std::mt19937 random(3);
     std::uniform_real_distribution<double> any(-1, 1);
@@ -154,9 +154,10 @@ void measure_self(int across, double way, int threads)
         fractions.push_back(found.t);
     }
     pliant_advance_free(advance);
-    std::printf("%-13s %6zu triangles, %4.1f mm: median %7.1f us, first %7.1f; pairs %5.0f, distances %6.0f, t %.2f\n",
-                "itself", sheet.triangles.size() / 3, 1e3 * way, times[times.size() / 2], times[0], pairs[10],
-                distances[10], fractions[10]);
+    std::printf("%-13s %6zu triangles, gap %4.1f mm, %4.1f mm: median %7.1f us, first %7.1f; pairs %5.0f, distances "
+                "%6.0f, t %.2f\n",
+                "itself", sheet.triangles.size() / 3, 1e3 * gap, 1e3 * way, times[times.size() / 2], times[0],
+                pairs[10], distances[10], fractions[10]);
 }
 
 } // namespace
@@ -192,7 +193,8 @@ int main(int argc, char **argv)
         }
     }
     for (const int across : {28, 88})
-        for (const double way : {2e-4, 2e-3, 2e-2}) measure_self(across, way, threads);
+        for (const double way : {2e-4, 2e-3, 2e-2})
+            for (const double gap : {3e-4, 3e-2}) measure_self(across, gap, way, threads);
     for (pliant_solid *each : solids) pliant_solid_release(each);
     return 0;
 }

@@ -111,7 +111,6 @@ typedef struct pliant_advance_self_result {
     bool is_edges;
     int32_t pairs; /* pairs that the broad phase left */
     int64_t distances;
-    double least; /* smallest distance of these pairs at t; INFINITY: none is near [m] */
 } pliant_advance_self_result;
 
 /* The largest fraction of a leg that keeps the surface from passing through itself; otherwise as pliant_advance_find.

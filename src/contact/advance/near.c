@@ -71,10 +71,6 @@ void pliant_advance_sort(int32_t count, pliant_advance_rank *rank)
 
 /* ---- boxes */
 
-/* fmin and fmax are calls */
-static double lower(double a, double b) { return a < b ? a : b; }
-static double upper(double a, double b) { return a > b ? a : b; }
-
 static bool is_apart(const box *a, const double low[3], const double high[3], double margin)
 {
     bool apart = false;
@@ -110,7 +106,7 @@ static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_
     for (int c = 0; c < 3; c++) {
         double apart[3];
         for (int d = 0; d < 3; d++) apart[d] = corner[c][d] - middle[d];
-        square = upper(square, pliant_advance_dot(apart, apart));
+        square = pliant_advance_upper(square, pliant_advance_dot(apart, apart));
     }
     pliant_pose_from(&motion->at[at].pose, middle, local);
     return pliant_part_distance(&motion->core, local, normal) - sqrt(square) - way > margin;
@@ -127,7 +123,7 @@ static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3]
     for (int c = 0; c < 3; c++) {
         double rate[3];
         for (int d = 0; d < 3; d++) rate[d] = triangle.rate[c][d] - motion->tip_rate[d];
-        square = upper(square, pliant_advance_dot(rate, rate));
+        square = pliant_advance_upper(square, pliant_advance_dot(rate, rate));
     }
     const double speed = sqrt(square) + motion->speed;
     if (is_far_at(motion, &triangle, 0, 0.5, 0.5 * speed, margin)) return true;
@@ -173,8 +169,8 @@ static box box_around(const pliant_advance *advance, int32_t first, int32_t end,
     box out = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (int32_t p = first; p < end; p++)
         for (int d = 0; d < 3 && advance->motion[p].core.kind != PLIANT_PART_HALF_SPACE; d++) {
-            out.low[d] = lower(out.low[d], advance->motion[p].low[d] - margin);
-            out.high[d] = upper(out.high[d], advance->motion[p].high[d] + margin);
+            out.low[d] = pliant_advance_lower(out.low[d], advance->motion[p].low[d] - margin);
+            out.high[d] = pliant_advance_upper(out.high[d], advance->motion[p].high[d] + margin);
         }
     return out;
 }

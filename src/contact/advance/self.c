@@ -231,80 +231,84 @@ static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
 
 /* ---- one pair */
 
-/* Lower bound of the distance at a time, by the plane between the closest points; gap: of each node of one side to each
- * of the other. */
-static double look(const search *on, const pliant_advance_self_pair *pair, double t, double normal[3])
+/* A pair at one time: positions from its first node's start, and the plane between its closest points. */
+typedef struct moment {
+    double x[4][3], normal[3];
+    double height[4]; /* over the plane's direction */
+    double distance;  /* a lower bound, which is sharp [m] */
+} moment;
+
+static void look(const search *on, const pliant_advance_self_pair *pair, double t, moment *out)
 {
     const int first = pair->is_edges ? 2 : 1;
-    double x[4][3], size, lowest = INFINITY, highest = -INFINITY;
+    const double *origin = on->from + 3 * (size_t)pair->node[0];
+    double lowest = INFINITY, highest = -INFINITY;
     for (int c = 0; c < 4; c++) {
-        position_at(on, pair->node[c], t, x[c]);
-        for (int d = 0; d < 3; d++) x[c][d] -= on->from[3 * (size_t)pair->node[0] + (size_t)d];
+        position_at(on, pair->node[c], t, out->x[c]);
+        for (int d = 0; d < 3; d++) out->x[c][d] -= origin[d];
     }
+    const double(*x)[3] = (const double(*)[3])out->x;
     if (pair->is_edges) {
         double s, r;
-        pliant_advance_segments((const double(*)[3])x, (const double(*)[3])(x + 2), &s, &r);
-        for (int d = 0; d < 3; d++) normal[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
+        pliant_advance_segments(x, x + 2, &s, &r);
+        for (int d = 0; d < 3; d++)
+            out->normal[d] = x[0][d] + s * (x[1][d] - x[0][d]) - x[2][d] - r * (x[3][d] - x[2][d]);
     } else {
         double weight[3], foot[3];
-        pliant_advance_on_triangle((const double(*)[3])(x + 1), x[0], weight);
-        pliant_advance_mix((const double(*)[3])(x + 1), weight, foot);
-        for (int d = 0; d < 3; d++) normal[d] = x[0][d] - foot[d];
+        pliant_advance_on_triangle(x + 1, x[0], weight);
+        pliant_advance_mix(x + 1, weight, foot);
+        for (int d = 0; d < 3; d++) out->normal[d] = x[0][d] - foot[d];
     }
-    if (!((size = pliant_advance_length(normal)) > 0)) return 0;
-    for (int d = 0; d < 3; d++) normal[d] /= size;
+    const double size = pliant_advance_length(out->normal), scale = size > 0 ? 1 / size : 0;
+    for (int d = 0; d < 3; d++) out->normal[d] *= scale;
     for (int c = 0; c < 4; c++) {
-        const double height = pliant_advance_dot(normal, x[c]);
+        out->height[c] = pliant_advance_dot(out->normal, x[c]);
         if (c < first)
-            lowest = fmin(lowest, height);
+            lowest = pliant_advance_lower(lowest, out->height[c]);
         else
-            highest = fmax(highest, height);
+            highest = pliant_advance_upper(highest, out->height[c]);
     }
-    return lowest - highest;
+    out->distance = lowest - highest;
 }
 
-static double step_of(const search *on, const pliant_advance_self_pair *pair, double t, const double normal[3],
-                      double distance)
+/* How far the plane leads, or the distance divided by the relative speed. */
+static double step_of(const search *on, const pliant_advance_self_pair *pair, const moment *now)
 {
     const int first = pair->is_edges ? 2 : 1;
-    double x[4][3], rate[4][3], mean[3], fastest[2] = {0, 0}, plane = INFINITY;
+    double rate[4][3], along[4], mean[3], fastest[2] = {0, 0}, plane = INFINITY;
     for (int c = 0; c < 4; c++) {
-        position_at(on, pair->node[c], t, x[c]);
         for (size_t d = 0; d < 3; d++)
             rate[c][d] = on->to[3 * (size_t)pair->node[c] + d] - on->from[3 * (size_t)pair->node[c] + d];
+        along[c] = pliant_advance_dot(now->normal, rate[c]);
     }
-    for (int d = 0; d < 3; d++) mean[d] = 0.25 * (rate[0][d] + rate[1][d] + rate[2][d] + rate[3][d]);
     for (int a = 0; a < first; a++)
         for (int b = first; b < 4; b++) {
-            double apart[3], closing[3];
-            for (int d = 0; d < 3; d++) {
-                apart[d] = x[a][d] - x[b][d];
-                closing[d] = rate[a][d] - rate[b][d];
-            }
-            plane = fmin(plane, pliant_advance_time(pliant_advance_dot(normal, apart) - pair->limit,
-                                                    pliant_advance_dot(normal, closing), 0));
+            const double gap = now->height[a] - now->height[b] - pair->limit;
+            plane = pliant_advance_lower(plane, pliant_advance_time(gap, along[a] - along[b], 0));
         }
+    for (int d = 0; d < 3; d++) mean[d] = 0.25 * (rate[0][d] + rate[1][d] + rate[2][d] + rate[3][d]);
     for (int c = 0; c < 4; c++) {
         double own[3];
         for (int d = 0; d < 3; d++) own[d] = rate[c][d] - mean[d];
-        fastest[c >= first] = fmax(fastest[c >= first], pliant_advance_length(own));
+        fastest[c >= first] = pliant_advance_upper(fastest[c >= first], pliant_advance_dot(own, own));
     }
-    const double speed = fastest[0] + fastest[1];
-    return fmax(plane, speed > 0 ? (distance - pair->limit) / speed : INFINITY);
+    const double speed = sqrt(fastest[0]) + sqrt(fastest[1]);
+    return pliant_advance_upper(plane, speed > 0 ? (now->distance - pair->limit) / speed : INFINITY);
 }
 
 /* One iteration; as pliant_advance_pair_step. */
 static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *distances)
 {
-    double normal[3];
-    const double distance = look(on, pair, pair->t, normal), left = 1 - pair->t;
+    const double left = 1 - pair->t;
+    moment now;
+    look(on, pair, pair->t, &now);
     ++*distances;
     if (pair->iterations == 0) {
-        if (!(distance > 0)) return true;
-        pair->limit = pliant_advance_limit(&on->advance->rule, on->self->thickness, distance);
+        if (!(now.distance > 0)) return true;
+        pair->limit = pliant_advance_limit(&on->advance->rule, on->self->thickness, now.distance);
     }
-    if (!(distance >= pair->limit)) return true;
-    const double ahead = step_of(on, pair, pair->t, normal, distance);
+    if (!(now.distance >= pair->limit)) return true;
+    const double ahead = step_of(on, pair, &now);
     if (ahead >= left) {
         pair->t = 1;
         return true;
@@ -312,7 +316,7 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
     pair->t += part_of_step * ahead;
     pair->iterations++;
     return pair->iterations >= MOST_ITERATIONS || ahead < least_step ||
-           (distance - pair->limit < near_limit * pair->limit && ahead < little);
+           (now.distance - pair->limit < near_limit * pair->limit && ahead < little);
 }
 
 /* ---- a leg */
@@ -324,7 +328,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
     search on = {
         .advance = advance, .from = from, .to = to, .self = self, .margin = advance->rule.stop * self->thickness};
     const int threads = pliant_threads_of(num_threads);
-    pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}, .least = INFINITY};
+    pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}};
     advance->num_self = 0;
     pliant_status status =
         num_triangles > 0 ? pliant_advance_tree_update(&advance->tree, num_triangles, triangles, from, to) : PLIANT_OK;
@@ -347,17 +351,8 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
         result.is_edges = pair->is_edges;
         memcpy(result.node, pair->node, sizeof result.node);
     }
-    double least = INFINITY;
-#pragma omp parallel for schedule(static) num_threads(threads) reduction(min : least) reduction(+ : distances) \
-    if (parallel)
-    for (int32_t n = 0; n < advance->num_self; n++) {
-        double normal[3];
-        least = fmin(least, look(&on, advance->self + n, result.t, normal));
-        distances++;
-    }
     result.pairs = advance->num_self;
     result.distances = distances;
-    result.least = least;
     *out = result;
     return PLIANT_OK;
 }
@@ -376,8 +371,9 @@ pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_tri
     if (status == PLIANT_OK && num_triangles > 0) status = find_pairs(&on, &audit);
     if (status != PLIANT_OK) return status;
     for (int32_t n = 0; n < advance->num_self; n++) {
-        double normal[3];
-        audit.least = fmin(audit.least, look(&on, advance->self + n, 0, normal));
+        moment now;
+        look(&on, advance->self + n, 0, &now);
+        audit.least = fmin(audit.least, now.distance);
     }
     *out = audit;
     return PLIANT_OK;

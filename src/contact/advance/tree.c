@@ -9,24 +9,6 @@
 
 enum { LEAF = 2 };
 
-static double lower(double a, double b) { return a < b ? a : b; } /* fmin and fmax are calls */
-static double upper(double a, double b) { return a > b ? a : b; }
-
-pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from, const double *to)
-{
-    pliant_advance_box out;
-    for (int d = 0; d < 3; d++) {
-        out.low[d] = lower(from[3 * (size_t)node[0] + (size_t)d], to[3 * (size_t)node[0] + (size_t)d]);
-        out.high[d] = upper(from[3 * (size_t)node[0] + (size_t)d], to[3 * (size_t)node[0] + (size_t)d]);
-        for (int c = 1; c < count; c++) {
-            const double a = from[3 * (size_t)node[c] + (size_t)d], b = to[3 * (size_t)node[c] + (size_t)d];
-            out.low[d] = lower(out.low[d], lower(a, b));
-            out.high[d] = upper(out.high[d], upper(a, b));
-        }
-    }
-    return out;
-}
-
 /* ---- who owns what */
 
 typedef struct claim {
@@ -116,8 +98,8 @@ static bool build(pliant_advance_tree *tree, const double *positions)
         if (branch->count <= LEAF) continue;
         for (int32_t n = branch->first; n < branch->first + branch->count; n++)
             for (int d = 0; d < 3; d++) {
-                low[d] = lower(low[d], of[n].at[d]);
-                high[d] = upper(high[d], of[n].at[d]);
+                low[d] = pliant_advance_lower(low[d], of[n].at[d]);
+                high[d] = pliant_advance_upper(high[d], of[n].at[d]);
             }
         for (int d = 1; d < 3; d++)
             if (high[d] - low[d] > high[axis] - low[axis]) axis = d;
@@ -156,11 +138,10 @@ static void fit(pliant_advance_tree *tree, const double *from, const double *to)
         const pliant_advance_box *part = branch->child < 0 ? tree->box + branch->first : tree->around + branch->child;
         const int32_t count = branch->child < 0 ? branch->count : 2;
         pliant_advance_box out = part[0];
-        for (int32_t k = 1; k < count; k++)
-            for (int d = 0; d < 3; d++) {
-                out.low[d] = lower(out.low[d], part[k].low[d]);
-                out.high[d] = upper(out.high[d], part[k].high[d]);
-            }
+        for (int32_t k = 1; k < count; k++) {
+            pliant_advance_box_add(&out, part[k].low);
+            pliant_advance_box_add(&out, part[k].high);
+        }
         tree->around[b] = out;
     }
 }

@@ -32,7 +32,31 @@ pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_
                                          const double *from, const double *to);
 void pliant_advance_tree_free(pliant_advance_tree *tree);
 
-pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from, const double *to);
+/* fmin and fmax are calls */
+static inline double pliant_advance_lower(double a, double b) { return a < b ? a : b; }
+static inline double pliant_advance_upper(double a, double b) { return a > b ? a : b; }
+
+static inline void pliant_advance_box_add(pliant_advance_box *box, const double x[3])
+{
+    for (int d = 0; d < 3; d++) {
+        box->low[d] = pliant_advance_lower(box->low[d], x[d]);
+        box->high[d] = pliant_advance_upper(box->high[d], x[d]);
+    }
+}
+
+/* Around up to three nodes. */
+static inline pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from,
+                                                       const double *to)
+{
+    const double *first = from + 3 * (size_t)node[0];
+    pliant_advance_box out = {{first[0], first[1], first[2]}, {first[0], first[1], first[2]}};
+    pliant_advance_box_add(&out, to + 3 * (size_t)node[0]);
+    for (int c = 1; c < count; c++) {
+        pliant_advance_box_add(&out, from + 3 * (size_t)node[c]);
+        pliant_advance_box_add(&out, to + 3 * (size_t)node[c]);
+    }
+    return out;
+}
 
 static inline bool pliant_advance_box_is_apart(const pliant_advance_box *a, const pliant_advance_box *b, double margin)
 {
