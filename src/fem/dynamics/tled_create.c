@@ -304,6 +304,9 @@ void pliant_tled_reset(pliant_tled *tled)
     size_t nodes = (size_t)tled->system->mesh->num_nodes;
     memset(tled->u, 0, 3 * nodes * sizeof *tled->u);
     if (tled->memory) memset(tled->memory, 0, (size_t)pliant_tled_blocks(tled->system) * sizeof *tled->memory);
+    tled->substeps >>= tled->halvings;
+    tled->time_step = ldexp(tled->time_step, tled->halvings);
+    tled->halvings = 0;
     pliant_tled_stop_motion(tled);
 }
 
