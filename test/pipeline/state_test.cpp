@@ -83,19 +83,23 @@ public:
         ASSERT_EQ(pliant_tool_set_pose(data, 0, grasped, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_pose(data, 1, pressed, nullptr), PLIANT_OK);
     }
-    // A grasp pulls and a ball presses. After the cuts one piece falls and another hangs by the grasp.
-    void begin(pliant_data *data) const
+    static void add_tools(const pliant_model *model, pliant_data *data)
     {
-        const double held[3] = {0.02, 0.02, 0.1};
         pliant_tool_shape ball{};
         ball.num_parts = 1;
         ball.part[0] = {PLIANT_PART_SPHERE, PLIANT_FRAME_TIP, {0, 0, 0}, {0, 0, 0}, 0.008, false, nullptr};
         int tool = -1;
-        ASSERT_EQ(pliant_tool_add(body_.model, data, "forceps", &tool), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_set_pose(data, tool, held, nullptr), PLIANT_OK);
-        ASSERT_EQ(pliant_tool_grasp(body_.model, data, tool, held), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_tool_add(body_.model, data, "probe", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_add(model, data, "forceps", &tool), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_add(model, data, "probe", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_shape(data, tool, &ball), PLIANT_OK) << pliant_last_error();
+    }
+    // A grasp pulls and a ball presses. After the cuts one piece falls and another hangs by the grasp.
+    void begin(pliant_data *data) const
+    {
+        const double held[3] = {0.02, 0.02, 0.1};
+        add_tools(body_.model, data);
+        ASSERT_EQ(pliant_tool_set_pose(data, 0, held, nullptr), PLIANT_OK);
+        ASSERT_EQ(pliant_tool_grasp(body_.model, data, 0, held), PLIANT_OK) << pliant_last_error();
         for (int s = 0; s < 6; s++) {
             move(data, s);
             if (s == 2 && GetParam().cuts) cut(data, 0.0523);
@@ -243,6 +247,76 @@ TEST_P(State, AStepThatFailsLeavesIt)
     }
     EXPECT_GT(failed, 3);
     EXPECT_FALSE(data->tools[0].holding);
+}
+
+std::vector<char> bytes_of(const pliant_state *state)
+{
+    std::vector<char> bytes(pliant_state_write(state, 0, nullptr));
+    EXPECT_EQ(pliant_state_write(state, bytes.size(), bytes.data()), bytes.size());
+    return bytes;
+}
+
+// a file, another process: the model is built again, and its body cut again
+TEST_P(State, IsReadFromBytes)
+{
+    Bar later(GetParam());
+    pliant_data *data = body_.data;
+    begin(data);
+    ASSERT_EQ(pliant_state_save(body_.model, data, saved_), PLIANT_OK);
+    const std::vector<char> bytes = bytes_of(saved_);
+    const std::vector<double> straight = go_on(data);
+    pliant_contact_search *search = nullptr; // bytes have no memory of it
+    std::swap(search, saved_->contact[0].search);
+    ASSERT_EQ(pliant_state_restore(body_.model, data, saved_), PLIANT_OK);
+    std::swap(search, saved_->contact[0].search);
+    const std::vector<double> restored = go_on(data);
+
+    const pliant_body *body = pliant_body_retain(later.model->body);
+    const pliant_cuts *cuts = saved_->body->cuts;
+    for (int32_t c = 0; cuts && c < cuts->num_cuts; c++) {
+        pliant_body *next = nullptr;
+        const int32_t first = c > 0 ? cuts->cut_end[c - 1] : 0;
+        ASSERT_EQ(pliant_body_sever(body, body->revision + 1, cuts->cut_end[c] - first, cuts->severed + first, &next), PLIANT_OK) << pliant_last_error();
+        pliant_body_release(body);
+        body = next;
+    }
+    add_tools(later.model, later.data);
+    ASSERT_EQ(pliant_state_read(later.model, later.data, body, bytes.size(), bytes.data(), other_), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(difference(*saved_, *other_), GetParam().cuts ? " undo body" : " body");
+    ASSERT_EQ(pliant_state_restore(later.model, later.data, other_), PLIANT_OK) << pliant_last_error();
+    pliant_body_release(body);
+    std::swap(body_.model, later.model);
+    const std::vector<double> read = go_on(later.data);
+    std::swap(body_.model, later.model);
+    EXPECT_EQ(read, restored);
+    if (GetParam().is_explicit) {
+        EXPECT_EQ(read, straight);
+    }
+}
+
+TEST_P(State, OfOtherBytesIsRefused)
+{
+    begin(body_.data);
+    ASSERT_EQ(pliant_state_save(body_.model, body_.data, saved_), PLIANT_OK);
+    ASSERT_EQ(pliant_state_save(body_.model, body_.data, other_), PLIANT_OK);
+    const std::vector<char> good = bytes_of(saved_);
+    const auto refused = [&](std::vector<char> bytes, const char *why) {
+        EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, bytes.size(), bytes.data(), other_), PLIANT_ERROR_FORMAT);
+        EXPECT_NE(std::string(pliant_last_error()).find(why), std::string::npos) << pliant_last_error();
+    };
+    refused({good.begin(), good.begin() + 7}, "no simulation state");
+    refused({good.begin(), good.end() - 1}, "damaged");
+    std::vector<char> bad = good;
+    bad[good.size() / 2] ^= 1;
+    refused(bad, "damaged");
+    bad = good;
+    bad[8] ^= 2; // its format
+    refused(bad, "read it with the version that wrote it");
+    bad = good;
+    bad[32] ^= 2; // of its mesh
+    refused(bad, "another mesh");
+    EXPECT_EQ(difference(*saved_, *other_), "");
+    EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, good.size(), good.data(), other_), PLIANT_OK);
 }
 
 // sub-steps that were halved, holds, contacts and cuts leave nothing behind

@@ -84,9 +84,9 @@ struct pliant_state {
 };
 
 /* ---- state_arrays.c: copies between a state and a simulation of the same topology */
-typedef enum pliant_state_way { PLIANT_STATE_RESERVE, PLIANT_STATE_SAVE, PLIANT_STATE_RESTORE } pliant_state_way;
-/* RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE copies to the state. RESTORE copies to the simulation, but no
- * arrays of tools. Return false when RESERVE is out of memory. The caller handles the undo array.
+typedef enum pliant_state_way { PLIANT_STATE_RESERVE, PLIANT_STATE_SAVE, PLIANT_STATE_COMPARE, PLIANT_STATE_RESTORE } pliant_state_way;
+/* RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE copies to the state. COMPARE compares sizes. RESTORE copies to the
+ * simulation, but no arrays of tools. Return false when RESERVE is out of memory, and when COMPARE finds another size. The caller handles the undo array.
  * tissue: false: arrays of tools alone */
 bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way);
 /* Capacity for so many topologies to undo. false: out of memory */

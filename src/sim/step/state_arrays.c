@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-typedef struct transfer { pliant_state_way way; bool has_memory; } transfer;
+typedef struct transfer { pliant_state_way way; bool succeeds; } transfer;
 
 /* at, count, room: an array of the state. elements, number: the simulation's array. */
 static void move(transfer *work, void *at, size_t *count, size_t *room, size_t size, void *elements, size_t number)
@@ -17,13 +17,16 @@ static void move(transfer *work, void *at, size_t *count, size_t *room, size_t s
     memcpy(&array, at, sizeof array);
     switch (work->way) {
     case PLIANT_STATE_RESERVE:
-        if (number <= *room || !work->has_memory) return;
-        work->has_memory = pliant_grow(at, number, size);
-        if (work->has_memory) *room = number;
+        if (number <= *room || !work->succeeds) return;
+        work->succeeds = pliant_grow(at, number, size);
+        if (work->succeeds) *room = number;
         return;
     case PLIANT_STATE_SAVE:
         *count = number;
         if (number > 0 && elements) memcpy(array, elements, number * size);
+        return;
+    case PLIANT_STATE_COMPARE:
+        work->succeeds = work->succeeds && *count == number;
         return;
     case PLIANT_STATE_RESTORE:
         if (number > 0 && elements) memcpy(elements, array, number * size);
@@ -52,8 +55,9 @@ static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
     MOVE(piece_positions, falling ? falling->x : NULL, nodes);
     MOVE(piece_home, falling ? falling->home : NULL, nodes);
     MOVE(joints, falling && pieces->num_joints > 0 ? falling->joint_at[0] : NULL, pieces ? 3 * pieces->num_joints : 0);
-    if (work->way != PLIANT_STATE_RESTORE) MOVE(grips, falling ? falling->grips : NULL, falling ? falling->num_grips : 0);
-    else if (falling) MOVE(grips, falling->grips, state->grips.count);
+    if (work->way == PLIANT_STATE_RESERVE || work->way == PLIANT_STATE_SAVE) MOVE(grips, falling ? falling->grips : NULL, falling ? falling->num_grips : 0);
+    else if (falling && state->grips.count <= MOST_GRIPS) MOVE(grips, falling->grips, state->grips.count);
+    else work->succeeds = work->succeeds && state->grips.count == 0;
 }
 
 /* The arrays of all tools, one tool after the other. */
@@ -112,18 +116,18 @@ static void move_tissue(transfer *work, pliant_state *state, pliant_data *data)
 
 bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way)
 {
-    transfer only = {.way = way, .has_memory = true}, *work = &only;
+    transfer only = {.way = way, .succeeds = true}, *work = &only;
     if (tissue) move_tissue(work, state, data);
     if (way == PLIANT_STATE_RESERVE) reserve_tools(work, state, data);
     if (way == PLIANT_STATE_SAVE) gather_tools(state, data);
-    return only.has_memory;
+    return only.succeeds;
 }
 
 bool pliant_state_reserve_undo(pliant_state *state, size_t count)
 {
-    transfer only = {.way = PLIANT_STATE_RESERVE, .has_memory = true}, *work = &only;
+    transfer only = {.way = PLIANT_STATE_RESERVE, .succeeds = true}, *work = &only;
     MOVE(undo, NULL, count);
-    return only.has_memory;
+    return only.succeeds;
 }
 
 void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, double *weight)

@@ -4,6 +4,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "contact/detect/find.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"
 #include "scene/options.h"
@@ -89,11 +90,14 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
     const pliant_data shell = {.contacts = state->contact[0].points, .contact_search = state->contact[0].search};
     pliant_status status = pliant_data_set_body(model, made, state->body);
     if (status != PLIANT_OK) return status;
+    if (!pliant_state_arrays((pliant_state *)state, made, true, PLIANT_STATE_COMPARE)) /* a state that was read */
+        return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is of another solver or mesh: build the model from the scene that it was saved with");
     pliant_state_put(state, made);
     if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
     status = put_tools(state, made);
     if (status == PLIANT_OK) status = put_undo(state, model->scene.cut.undo, &made->undo);
     if (status == PLIANT_OK) status = pliant_contact_copy(&shell, made);
+    if (status == PLIANT_OK && !shell.contact_search) status = pliant_contacts_copy(&shell.contacts, &made->contacts); /* of a state that was read */
     if (status == PLIANT_OK) status = pliant_backend_restart(model, made);
     made->last_revision = state->last_revision;
     made->background.kind = state->background;
