@@ -173,63 +173,6 @@ TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
     }
 }
 
-// what a process that goes on for another one needs: the same hold on the same tissue pulls it to the same place
-TEST(Hold, ToldAndTakenAgainPullsAsBefore)
-{
-    Body first(size, box, {{4000, 0.45, 1000, false}}), second(size, box, {{4000, 0.45, 1000, false}});
-    const double tip[3] = {0.062, 0.059, 0.111}, pulled[3] = {0.07, 0.06, 0.125};
-    pliant_tool_hold hold;
-    int tool = -1;
-    for (Body *body : {&first, &second}) {
-        body->fix_plane(0, 0, 0.041, 0, 0, 1);
-        body->cells(6, 6, 6, 1);
-        ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_EQ(pliant_tool_add(body->model, body->data, "forceps", &tool), PLIANT_OK);
-    }
-    ASSERT_EQ(pliant_tool_get_hold(first.data, tool, &hold), PLIANT_OK);
-    EXPECT_FALSE(hold.holding);
-    ASSERT_EQ(pliant_tool_set_pose(first.data, tool, tip, nullptr), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_grasp(first.model, first.data, tool, nullptr), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_set_pose(first.data, tool, pulled, nullptr), PLIANT_OK);
-    for (int s = 0; s < 200; ++s) ASSERT_GE(pliant_step(first.model, first.data), 0); // so that nothing is left to move in the second
-    ASSERT_EQ(pliant_tool_get_hold(first.data, tool, &hold), PLIANT_OK);
-    EXPECT_TRUE(hold.holding);
-
-    EXPECT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &hold), PLIANT_ERROR_ARGUMENT); // no pose
-    ASSERT_EQ(pliant_tool_set_pose(second.data, tool, pulled, nullptr), PLIANT_OK);
-    pliant_tool_hold wrong = hold;
-    wrong.grip[1] = NAN;
-    EXPECT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &wrong), PLIANT_ERROR_ARGUMENT);
-    ASSERT_EQ(pliant_data_set_positions(second.model, second.data, pliant_data_get_positions(first.data, nullptr)), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &hold), PLIANT_OK) << pliant_last_error();
-    ASSERT_GE(pliant_step(second.model, second.data), 0);
-    pliant_tool_state a, b;
-    pliant_tool_get(first.data, tool, &a);
-    pliant_tool_get(second.data, tool, &b);
-    EXPECT_GT(std::fabs(a.force[2]), 0.01);
-    for (int d = 0; d < 3; d++) {
-        EXPECT_NEAR(b.force[d], a.force[d], 1e-3 * std::fabs(a.force[2]));
-        EXPECT_NEAR(b.held_point[d], a.held_point[d], 1e-6);
-    }
-    // with no word of its force, nothing moves either: the step that finds so says what it is
-    pliant_tool_hold silent = hold;
-    for (double &f : silent.force) f = 0;
-    ASSERT_EQ(pliant_data_set_limits(second.data, 30, 1e-6), PLIANT_OK);
-    ASSERT_EQ(pliant_data_set_positions(second.model, second.data, pliant_data_get_positions(first.data, nullptr)), PLIANT_OK);
-    ASSERT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &silent), PLIANT_OK) << pliant_last_error();
-    ASSERT_EQ(pliant_step(second.model, second.data), PLIANT_OK);
-    pliant_tool_get(second.data, tool, &b);
-    for (int d = 0; d < 3; d++) EXPECT_NEAR(b.force[d], a.force[d], 2e-3 * std::fabs(a.force[2]));
-    for (int s = 0; s < 3; s++) ASSERT_EQ(pliant_step(second.model, second.data), PLIANT_OK); // and goes on as any other
-    pliant_tool_get(second.data, tool, &b);
-    for (int d = 0; d < 3; d++) EXPECT_NEAR(b.force[d], a.force[d], 2e-3 * std::fabs(a.force[2]));
-    EXPECT_EQ(second.data->statistics.iterations, 0);
-    hold.holding = false;
-    ASSERT_EQ(pliant_tool_set_hold(second.model, second.data, tool, &hold), PLIANT_OK);
-    pliant_tool_get(second.data, tool, &b);
-    EXPECT_FALSE(b.holding);
-}
-
 // A block that one tool holds, and perhaps another, pulled by the first one.
 struct Pulled : Body {
     int tool = -1;

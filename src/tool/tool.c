@@ -5,7 +5,6 @@
 #include "tool/blade.h"
 #include "tool/tool.h"
 #include "pliant/memory.h"
-#include "pliant/session.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -324,46 +323,6 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     tool->slipped = 0;
     tool->hold++;
     tell_what_is_fixed(data, tool);
-    return PLIANT_OK;
-}
-
-pliant_status pliant_tool_get_hold(const pliant_data *data, int index, pliant_tool_hold *out)
-{
-    pliant_status status = check_tool(data, index);
-    if (status != PLIANT_OK) return status;
-    const pliant_tool *tool = data->tools + index;
-    pliant_tool_hold hold = {.holding = pliant_tool_grips(tool)};
-    if (hold.holding) {
-        memcpy(hold.rest, tool->grasped, sizeof hold.rest);
-        memcpy(hold.grip, tool->grip, sizeof hold.grip);
-        memcpy(hold.force, tool->force, sizeof hold.force);
-        hold.radius = tool->grasped_radius;
-        hold.slipped = tool->slipped;
-    }
-    *out = hold;
-    return PLIANT_OK;
-}
-
-pliant_status pliant_tool_set_hold(const pliant_model *model, pliant_data *data, int index, const pliant_tool_hold *hold)
-{
-    pliant_status status = check_tool(data, index);
-    if (status != PLIANT_OK) return status;
-    pliant_tool *tool = data->tools + index;
-    if (!hold->holding) {
-        pliant_tool_release(data, index);
-        return PLIANT_OK;
-    }
-    if (!tool->present) return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s has no pose: it cannot hold", tool->name);
-    if (!finite3(hold->grip) || !finite3(hold->force) || !isfinite(hold->slipped) || !(hold->radius >= 0 && hold->radius <= 1))
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "tool %s: its grip, its force, what has slipped of it and its radius (0 to 1 m) must be finite", tool->name);
-    const double radius = tool->radius;
-    tool->radius = hold->radius;
-    status = pliant_tool_grasp(model, data, index, hold->rest);
-    tool->radius = radius;
-    if (status != PLIANT_OK) return status;
-    memcpy(tool->grip, hold->grip, sizeof tool->grip);
-    memcpy(tool->force, hold->force, sizeof tool->force);
-    tool->slipped = hold->slipped;
     return PLIANT_OK;
 }
 

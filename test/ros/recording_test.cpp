@@ -1,10 +1,14 @@
 // Sessions of every engine with cuts are recorded as the node records them, into a bag, and computed again from there, each turn to the bit. They
 // run on a GPU where there is one. No master, no clock.
 #include "../pipeline/adapt_cases.h"
+#include "ros/record/message.h"
 #include "ros/record/rerun.h"
+#include "ros/sim/moment.h"
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
+#include <topic_tools/shape_shifter.h>
+#include <pliant/Session.h>
 
 #include <cstdlib>
 #include <sys/stat.h>
@@ -166,6 +170,89 @@ TEST_P(EveryEngine, IsMadeAgainFromItsBag)
     if (scene.solver.kind == PLIANT_COROTATIONAL) EXPECT_NE(recording.taken, 0u);
     std::printf("%-20s %s, %d to %d nodes, background results taken 0x%x: %s\n", GetParam().name, recording.backend.c_str(), recording.nodes, recording.most,
                 recording.taken, again.summary().c_str());
+}
+
+// turns as the node makes them; positions after each
+std::vector<double> turns(const pliant_model &model, pliant_data *data, int first, int end)
+{
+    std::vector<double> seen;
+    for (int s = first; s < end; s++) {
+        const Step step = heard(s);
+        pliant_cut_report report;
+        for (const CutInput &cut : step.cuts) pliant_ros::make_cut(model, data, cut, &report);
+        EXPECT_GE(pliant_ros::make_step(model, data, PLIANT_BACKGROUND_PLANNED, step), 0) << pliant_last_error();
+        const double *positions = pliant_data_get_positions(data, nullptr);
+        seen.insert(seen.end(), positions, positions + 3 * static_cast<size_t>(pliant_data_get_body(data)->fine.num_nodes));
+    }
+    return seen;
+}
+
+// A checkpoint after cuts, while tissue moves, with two grasps. Explicit dynamics continues with the same bits.
+TEST_P(EveryEngine, ContinuesFromItsCheckpoint)
+{
+    enum { SAVED = LINE + 2 };
+    const Session session(GetParam());
+    const pliant_model &model = *session.loaded->model;
+    pliant_ros::Data data = pliant_ros::create_data(model);
+    pliant_ros::add_tools(model, data.get(), heard(0).tools);
+    turns(model, data.get(), 0, SAVED);
+    pliant_ros::Moment moment;
+    moment.snapshot.body = pliant_ros::share(pliant_data_get_body(data.get()));
+    pliant_ros::take_state(model, data.get(), &moment);
+    EXPECT_EQ(moment.holding, (std::vector<std::string>{"left", "right"}));
+    const std::vector<double> straight = turns(model, data.get(), SAVED, UNDO);
+    std::vector<double> continued[2];
+    for (std::vector<double> &seen : continued) {
+        pliant_ros::Data other = pliant_ros::create_data(model);
+        pliant_ros::add_tools(model, other.get(), heard(0).tools);
+        pliant_ros::put_back(moment, model, other.get());
+        seen = turns(model, other.get(), SAVED, UNDO);
+    }
+    EXPECT_EQ(continued[0], continued[1]);
+    const pliant_scene &scene = *pliant_model_get_scene(&model);
+    ASSERT_EQ(continued[0].size(), straight.size());
+    double farthest = 0;
+    for (size_t n = 0; n < straight.size(); n++) farthest = std::max(farthest, std::fabs(continued[0][n] - straight[n]));
+    std::printf("%-20s continues within %.2g m\n", GetParam().name, farthest);
+    if (scene.solver.kind == PLIANT_TLED && !scene.tled.quasi_static) {
+        EXPECT_EQ(farthest, 0);
+    }
+}
+
+// a bag of Pliant 0.1.0 before its last two fields: its steps are read
+TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
+{
+    const std::string path = testing::TempDir() + "older_bags_" + std::to_string(getpid()) + ".bag", md5 = "7ea001853a4b85c219a652b58dba7739";
+    Step step = heard(3);
+    step.checksum = 12345;
+    step.seconds = {1, 2};
+    std::vector<uint8_t> bytes(ros::serialization::serializationLength(step));
+    ros::serialization::OStream out(bytes.data(), static_cast<uint32_t>(bytes.size()));
+    ros::serialization::serialize(out, step);
+    bytes.resize(bytes.size() - 8);
+    {
+        rosbag::Bag bag(path, rosbag::bagmode::Write);
+        for (const std::string &type : {"pliant/Step", "pliant/Session"}) {
+            topic_tools::ShapeShifter message;
+            message.morph(type == "pliant/Step" ? md5 : std::string(32, '0'), type, "", "false");
+            ros::serialization::IStream in(bytes.data(), static_cast<uint32_t>(bytes.size()));
+            message.read(in);
+            bag.write(type, ros::Time(100), message);
+        }
+    }
+    rosbag::Bag bag(path, rosbag::bagmode::Read);
+    rosbag::View steps(bag, rosbag::TopicQuery("pliant/Step")), sessions(bag, rosbag::TopicQuery("pliant/Session"));
+    const Step read = *pliant_ros::read_message<Step>(*steps.begin());
+    EXPECT_EQ(read.checksum, 12345u);
+    EXPECT_EQ(read.tools.size(), step.tools.size());
+    EXPECT_EQ(read.evaluations, 0u);
+    try {
+        pliant_ros::read_message<pliant::Session>(*sessions.begin());
+        ADD_FAILURE() << "it was read";
+    } catch (const pliant_ros::Failure &failed) {
+        EXPECT_NE(std::string(failed.what()).find("another version of Pliant (md5 00000"), std::string::npos) << failed.what();
+    }
+    std::remove(path.c_str());
 }
 INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
                          testing::Values(direct, multigrid, hexahedra, averaged, averaged_hexahedra, plain, coarse_hexahedra, schur, schur_hexahedra, calibrated, patch, patch_hexahedra, octree,

@@ -158,7 +158,7 @@ std::string Services::go_on(const Saved &saved)
     if (saved.rest.own_materials) check(pliant_material_table_copy(pliant_model_get_materials(next->model), &materials_.table));
     std::string text = "went on from " + parameters_.checkpoint + ", step " + std::to_string(saved.state.step) + ": " + session.scan + ", " +
                        std::to_string(saved.topology.cut_end.size()) + " cuts";
-    for (const pliant::ToolHold &hold : saved.rest.holds) text += ", " + hold.tool + " was holding";
+    for (const std::string &tool : saved.rest.holding) text += ", " + tool + " was holding";
     return text;
 }
 

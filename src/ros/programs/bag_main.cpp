@@ -2,6 +2,7 @@
    needed. */
 #include "ros/record/bag_arguments.h"
 #include "ros/record/export.h"
+#include "ros/record/message.h"
 #include "ros/record/recorded.h"
 #include "ros/record/rerun.h"
 #include "ros/record/tables.h"
@@ -29,8 +30,6 @@
 namespace pliant_ros {
 
 namespace {
-
-const char *const other_kind = " is of another kind, or of another version of Pliant";
 
 struct Stopped {};
 
@@ -106,8 +105,7 @@ void Extraction::read_sessions()
     if (!arguments_.described) return;
     rosbag::View view(bag_, rosbag::TopicQuery(topic("session")));
     for (const rosbag::MessageInstance &recorded : view) {
-        Session::ConstPtr session = recorded.instantiate<Session>();
-        if (!session) throw Failure(PLIANT_ERROR_FORMAT, topic("session") + other_kind);
+        const Session::ConstPtr session = read_message<Session>(recorded);
         sessions_[session->load] = *session;
     }
     shelf_.reset(new Shelf(arguments_.scan, arguments_.scene.material.labels));
@@ -145,8 +143,7 @@ void Extraction::read_topologies(uint32_t end)
     std::string why;
     Bodies bodies;
     for (const rosbag::MessageInstance &recorded : view) {
-        MeshTopology::ConstPtr topology = recorded.instantiate<MeshTopology>();
-        if (!topology) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/topology") + other_kind);
+        const MeshTopology::ConstPtr topology = read_message<MeshTopology>(recorded);
         if (topology->revision < load_ || topology->revision >= end) continue;
         why.clear();
         std::shared_ptr<const pliant_body> body = body_of(*loaded_, *topology, &bodies, &why);
@@ -177,8 +174,7 @@ std::vector<double> Extraction::times_of(rosbag::View *states) const
 
 std::shared_ptr<const Snapshot> Extraction::snapshot(double time, const rosbag::MessageInstance &recorded)
 {
-    MeshState::ConstPtr state = recorded.instantiate<MeshState>();
-    if (!state) throw Failure(PLIANT_ERROR_FORMAT, topic("mesh/state") + other_kind);
+    const MeshState::ConstPtr state = read_message<MeshState>(recorded);
     load(state->revision);
     auto differs = differs_.find(state->revision);
     char where[64];
@@ -232,8 +228,7 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
     size_t done = 0;
     for (const rosbag::MessageInstance &recorded : *steps) {
         if (console_stop_asked()) throw Stopped();
-        Step::ConstPtr step = recorded.instantiate<Step>();
-        if (!step) throw Failure(PLIANT_ERROR_FORMAT, topic("step") + other_kind);
+        const Step::ConstPtr step = read_message<Step>(recorded);
         for (; time != times.end() && newest && since_start(recorded.getTime()) > *time + 1e-9; ++time) write(*time, *newest);
         load(step->load);
         if (rerun_->take(*step) && time != times.end()) newest = rerun_->snapshot();
@@ -249,8 +244,7 @@ void Extraction::write_simulated(const std::vector<double> &times, rosbag::View 
 template <class Message, class Lines> void Extraction::write_table(rosbag::View *view, Lines *table)
 {
     for (const rosbag::MessageInstance &recorded : *view) {
-        typename Message::ConstPtr message = recorded.instantiate<Message>();
-        if (!message) throw Failure(PLIANT_ERROR_FORMAT, recorded.getTopic() + other_kind);
+        const typename Message::ConstPtr message = read_message<Message>(recorded);
         table->append(since_start(recorded.getTime()), *message);
     }
     table->close();

@@ -1,5 +1,6 @@
 #include "ros/record/checkpoint.h"
 
+#include "ros/record/message.h"
 #include "ros/record/recorded.h"
 
 #include <rosbag/bag.h>
@@ -37,9 +38,11 @@ template <class Message> Message only(rosbag::View *view, const std::string &pat
     const std::string type = ros::message_traits::datatype<Message>();
     for (const rosbag::MessageInstance &recorded : *view) {
         if (recorded.getDataType() != type) continue;
-        typename Message::ConstPtr message = recorded.instantiate<Message>();
-        if (!message) throw Failure(PLIANT_ERROR_FORMAT, path + ": " + type + " is of another version of Pliant");
-        return *message;
+        try {
+            return *read_message<Message>(recorded);
+        } catch (const Failure &failed) {
+            throw Failure(failed.status, path + ": " + failed.what());
+        }
     }
     throw Failure(PLIANT_ERROR_FORMAT, path + ": there is no " + type + " in it: it is no checkpoint");
 }
@@ -64,17 +67,9 @@ void saved_message(const Moment &moment, const std::string &frame, std::shared_p
     out->rest.sequence = moment.sequence;
     out->rest.strokes = moment.strokes;
     out->rest.paused = moment.paused;
-    out->rest.holds.clear();
-    for (const auto &each : moment.holds) {
-        pliant::ToolHold hold;
-        hold.tool = each.first;
-        std::copy(each.second.rest, each.second.rest + 3, hold.rest.begin());
-        std::copy(each.second.grip, each.second.grip + 3, hold.grip.begin());
-        std::copy(each.second.force, each.second.force + 3, hold.force.begin());
-        hold.radius = each.second.radius;
-        hold.slipped = each.second.slipped;
-        out->rest.holds.push_back(hold);
-    }
+    out->rest.holding = moment.holding;
+    out->rest.touching = moment.touching;
+    out->rest.state = moment.state;
 }
 
 /* A bag that cannot be written whole is better not begun. */
@@ -135,16 +130,9 @@ Moment moment_of(const Saved &saved, std::shared_ptr<const Loaded> loaded)
     out.sequence = saved.rest.sequence;
     out.strokes = saved.rest.strokes;
     out.paused = saved.rest.paused;
-    for (const pliant::ToolHold &hold : saved.rest.holds) {
-        pliant_tool_hold made{};
-        made.holding = true;
-        std::copy(hold.rest.begin(), hold.rest.end(), made.rest);
-        std::copy(hold.grip.begin(), hold.grip.end(), made.grip);
-        std::copy(hold.force.begin(), hold.force.end(), made.force);
-        made.radius = hold.radius;
-        made.slipped = hold.slipped;
-        out.holds.emplace_back(hold.tool, made);
-    }
+    out.holding = saved.rest.holding;
+    out.touching = saved.rest.touching;
+    out.state = saved.rest.state;
     return out;
 }
 

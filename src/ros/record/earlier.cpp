@@ -1,5 +1,7 @@
 #include "ros/record/earlier.h"
 
+#include "ros/record/message.h"
+
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 
@@ -10,13 +12,6 @@
 namespace pliant_ros {
 
 namespace {
-
-template <class Message> boost::shared_ptr<const Message> read(const rosbag::MessageInstance &recorded)
-{
-    const boost::shared_ptr<const Message> out = recorded.instantiate<Message>();
-    if (!out) throw std::runtime_error(recorded.getTopic() + " in the bag is of another version of Pliant");
-    return out;
-}
 
 /* Each is a whole mesh: those of loads that are over, or of cuts that others came after, are not kept. */
 void keep(const pliant::MeshTopologyConstPtr &topology, uint32_t load, std::vector<pliant::MeshTopologyConstPtr> *kept)
@@ -46,12 +41,12 @@ Earlier read_earlier(const std::vector<std::string> &bags, double start, const T
     for (const rosbag::MessageInstance &recorded : before) {
         if (!goes_on()) return out;
         if (recorded.getTopic() == topics.session) {
-            out.session = read<pliant::Session>(recorded);
+            out.session = read_message<pliant::Session>(recorded);
             load = out.session->load;
         } else if (recorded.getTopic() == topics.topology) {
-            keep(read<pliant::MeshTopology>(recorded), load, &out.topologies);
+            keep(read_message<pliant::MeshTopology>(recorded), load, &out.topologies);
         } else {
-            const pliant::StepConstPtr step = read<pliant::Step>(recorded);
+            const pliant::StepConstPtr step = read_message<pliant::Step>(recorded);
             if (step->sequence == 1) out.steps.clear();
             out.steps.push_back(step);
             load = step->load;
@@ -65,7 +60,7 @@ pliant::SessionConstPtr first_session(const std::vector<std::string> &bags, cons
     for (const std::string &path : bags) {
         rosbag::Bag bag(path, rosbag::bagmode::Read);
         rosbag::View view(bag, rosbag::TopicQuery(topic));
-        if (view.begin() != view.end()) return read<pliant::Session>(*view.begin());
+        if (view.begin() != view.end()) return read_message<pliant::Session>(*view.begin());
     }
     return nullptr;
 }

@@ -1,5 +1,6 @@
 #include "ros/record/export.h"
 
+#include "ros/record/message.h"
 #include "ros/record/npy.h"
 #include "ros/sim/loaded.h"
 
@@ -101,8 +102,7 @@ template <class Message, class Take> void Export::read(const std::string &topic,
 {
     rosbag::View view(bag_, rosbag::TopicQuery(topic));
     for (const rosbag::MessageInstance &recorded : view) {
-        typename Message::ConstPtr message = recorded.instantiate<Message>();
-        if (!message) throw Failure(PLIANT_ERROR_FORMAT, topic + " is of another kind, or of another version of Pliant");
+        const typename Message::ConstPtr message = read_message<Message>(recorded);
         take(since_start(recorded), *message);
     }
 }

@@ -13,27 +13,43 @@ struct Moment {
     Snapshot snapshot;
     uint64_t sequence = 0, strokes = 0; /* turns since load or reset; cuts by services */
     bool paused = false;
-    std::vector<std::pair<std::string, pliant_tool_hold>> holds; /* of tools that have hold of something */
+    std::vector<std::string> holding, touching; /* names of tools that held or touched tissue */
+    std::vector<uint8_t> state;  /* simulation state (pliant_state_write) */
 };
 
-/* Of a simulation of these tools. */
-inline std::vector<std::pair<std::string, pliant_tool_hold>> holds_of(const pliant_data &data)
+struct StateDeleter {
+    void operator()(pliant_state *state) const { pliant_state_free(state); }
+};
+using SavedState = std::unique_ptr<pliant_state, StateDeleter>;
+
+inline SavedState create_state()
 {
-    std::vector<std::pair<std::string, pliant_tool_hold>> out;
-    for (int tool = 0; tool < pliant_data_get_num_tools(&data); ++tool) {
-        pliant_tool_hold hold;
-        check(pliant_tool_get_hold(&data, tool, &hold));
-        if (hold.holding) out.emplace_back(tool_state(data, tool).name, hold);
-    }
-    return out;
+    pliant_state *state = nullptr;
+    check(pliant_state_create(&state));
+    return SavedState(state);
 }
 
-/* The tissue of a new simulation as it was then: cuts and positions. Throws Failure. */
+/* The simulation's part of a moment. Throws Failure. */
+inline void take_state(const pliant_model &model, pliant_data *data, Moment *out)
+{
+    for (int tool = 0; tool < pliant_data_get_num_tools(data); ++tool) {
+        const pliant_tool_state state = tool_state(*data, tool);
+        const double *force = state.contact_force;
+        if (state.holding) out->holding.emplace_back(state.name);
+        else if (force[0] != 0 || force[1] != 0 || force[2] != 0) out->touching.emplace_back(state.name);
+    }
+    const SavedState state = create_state();
+    check(pliant_state_save(&model, data, state.get()));
+    out->state.resize(pliant_state_write(state.get(), 0, nullptr));
+    pliant_state_write(state.get(), out->state.size(), out->state.data());
+}
+
+/* Restore it in a new simulation that has its tools. Throws Failure. */
 inline void put_back(const Moment &moment, const pliant_model &model, pliant_data *data)
 {
-    const pliant_body *body = moment.snapshot.body.get();
-    if (body->revision != pliant_data_get_body(data)->revision) check(pliant_data_set_body(&model, data, body));
-    check(pliant_data_set_positions(&model, data, moment.snapshot.positions.data()));
+    const SavedState state = create_state();
+    check(pliant_state_read(&model, data, moment.snapshot.body.get(), moment.state.size(), moment.state.data(), state.get()));
+    check(pliant_state_restore(&model, data, state.get()));
 }
 
 } // namespace pliant_ros

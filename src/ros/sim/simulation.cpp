@@ -83,7 +83,8 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
         sequence_ = from ? from->sequence + 1 : 0; /* a gap: nobody can compute this from a load or a reset on */
         made_.clear();
         made_count_ = from ? from->strokes : made_count_;
-        lost_ = from ? from->holds : decltype(lost_)();
+        lost_ = from ? from->holding : decltype(lost_)();
+        if (from) lost_.insert(lost_.end(), from->touching.begin(), from->touching.end());
         lost_until_ = Clock::now() + std::chrono::seconds(HOLD_SECONDS);
         anew_ = true;
         std::fill(was_open_.begin(), was_open_.end(), false); /* a closed jaw must open before it grasps again */
@@ -132,7 +133,7 @@ Moment Simulation::moment()
         out.sequence = sequence_;
         out.strokes = made_count_;
         out.paused = paused_;
-        out.holds = lost_.empty() ? holds_of(*data_) : lost_;
+        take_state(*current_->model, data_.get(), &out);
     });
     return out;
 }
@@ -236,8 +237,9 @@ void Simulation::turn(Clock::time_point start)
     step.cuts.swap(made_);
     take_settings(&step);
     take_tools(now, jumped_back(now), &step);
-    step.paused = hold_again(step) || paused_;
-    pliant_status status = make_step(*current_->model, data_.get(), background_, step);
+    const bool waits = waits_for_tools(step);
+    step.paused = waits || paused_;
+    const pliant_status status = waits ? PLIANT_OK : make_step(*current_->model, data_.get(), background_, step);
     if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
     else if (!broke_ && !step.paused) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
     show(now);
@@ -332,24 +334,22 @@ void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
                  jaw.why.c_str());
 }
 
-/* What tools held when the process before this one ended, they hold again once they are there, with their jaws closed still. Until then
- * the tissue stays as it was: true while it does. */
-bool Simulation::hold_again(const Step &step)
+/* Tools that held or touched tissue when the process before this one ended are part of the restored state. Until they are there again, with a known jaw, the
+ * state stays as it is: return true. */
+bool Simulation::waits_for_tools(const Step &step)
 {
+    const bool is_late = Clock::now() >= lost_until_;
     for (size_t i = 0; i < step.tools.size() && !lost_.empty(); ++i) {
         const ToolInput &tool = step.tools[i];
-        const auto held = std::find_if(lost_.begin(), lost_.end(), [&](const auto &each) { return each.first == tool.name; });
-        if (held == lost_.end() || !tool.present) continue;
-        const int index = static_cast<int>(i);
-        const bool unknown = samples_[i].jaw == JAW_UNKNOWN; /* nothing of its jaw has come yet, or it stands in between: not open */
-        if (unknown && Clock::now() < lost_until_) continue;
-        const bool holds = (tool.closed || unknown) && pliant_tool_set_pose(data_.get(), index, tool.tip.data(), tool.rotation.data()) >= 0 &&
-                           pliant_tool_set_hold(current_->model, data_.get(), index, &held->second) >= 0;
-        ROS_WARN("tool %s %s", tool.name.c_str(), holds ? "holds again what it held" : "has opened meanwhile: it holds nothing");
-        lost_.erase(held);
+        const auto lost = std::find(lost_.begin(), lost_.end(), tool.name);
+        if (lost == lost_.end() || !tool.present) continue;
+        const bool is_holding = tool_state(*data_, static_cast<int>(i)).holding, is_unknown = samples_[i].jaw == JAW_UNKNOWN;
+        if (is_holding && is_unknown && !is_late) continue;
+        if (is_holding) ROS_WARN("tool %s %s", tool.name.c_str(), tool.closed ? "holds again what it held" : "is not closed any more: it lets go");
+        lost_.erase(lost);
     }
-    if (lost_.empty() || Clock::now() < lost_until_) return !lost_.empty();
-    for (const auto &each : lost_) ROS_WARN("tool %s has not come back: what it held is let go", each.first.c_str());
+    if (lost_.empty() || !is_late) return !lost_.empty();
+    for (const std::string &name : lost_) ROS_WARN("tool %s has not come back: what it held is let go", name.c_str());
     lost_.clear();
     return false;
 }

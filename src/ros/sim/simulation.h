@@ -72,7 +72,7 @@ private:
     void tell_who_holds_nothing(const pliant_scene &scene) const;
     void take_tools(const ros::Time &now, bool forgotten, Step *out);
     void tell_of_missed_closing(size_t tool, bool holds_by_contact);
-    bool hold_again(const Step &step);
+    bool waits_for_tools(const Step &step);
     void show(const ros::Time &now);
     void publish(const ros::Time &now);
     void publish_force(size_t tool, const pliant_tool_state &state, bool acts, const ros::Time &now);
@@ -104,7 +104,7 @@ private:
     uint64_t sequence_ = 0; /* turns since load or reset */
     std::vector<CutInput> made_; /* cuts since the last turn */
     uint64_t made_count_ = 0;
-    std::vector<std::pair<std::string, pliant_tool_hold>> lost_; /* holds of the process before, until their tools are there */
+    std::vector<std::string> lost_; /* tools that acted on the tissue when the process before this one ended, until they are there */
     Clock::time_point lost_until_;
     std::vector<ToolSample> samples_, acted_; /* acted: as a tool was there last */
     std::vector<Ramp> ramps_;                 /* of the forces, one a tool */
