@@ -36,14 +36,14 @@ PLIANT_API pliant_status pliant_state_save(const pliant_model *model, pliant_dat
  *  Errors: ARGUMENT (an empty state; a state of another model), MEMORY, NUMERIC, SCENE. After an error the simulation is as before. */
 PLIANT_API pliant_status pliant_state_restore(const pliant_model *model, pliant_data *data, const pliant_state *state);
 
-/** Write a state to memory, for a file that this version reads on this kind of machine. The bytes hold the topology's positions but not the topology
- *  (save the body's cuts beside them), no tool shapes, nothing to undo,
- *  and no memory of the contact search, so that rigid pieces in contact may continue with other contact points.
- *  @param room bytes in out; less than needed: nothing is written. @param out Nullable when room is 0. @return bytes that are needed; 0: an empty state */
-PLIANT_API size_t pliant_state_write(const pliant_state *state, size_t room, void *out);
-/** Read a state of a model that was built alike. If the tools of data have the saved names and blades, in the saved order, they are restored with the
- *  shapes that they have in data. Otherwise the state has the tools of data, without grasps and contacts.
- *  @param body of that topology: the model's, or one that was cut as the saved one
+/** Write a state to memory. This version reads it again on the same kind of machine. The bytes do not contain the topology: save the cuts (pliant_cuts)
+ *  in addition. They do not contain tool shapes, topologies to undo, and the memory of the contact search. Without that memory, rigid pieces
+ *  in contact may continue with other contact points.
+ *  @param size bytes in out; if fewer than needed, nothing is written. @param out Nullable when size is 0. @return number of bytes needed; 0: an empty state */
+PLIANT_API size_t pliant_state_write(const pliant_state *state, size_t size, void *out);
+/** Read a state of a model that was built alike. Tools are compared with those of data: names, blades, order. Equal tools are restored, with the
+ *  shapes of data. Otherwise the state gets the tools of data, without grasps and contacts.
+ *  @param body the saved topology: the model's body, or a body with the saved cuts
  *  Errors: FORMAT (damaged, of another version, of another mesh), MEMORY. After an error the state is as before. */
 PLIANT_API pliant_status pliant_state_read(const pliant_model *model, const pliant_data *data, const pliant_body *body, size_t size, const void *bytes,
                                            pliant_state *state);

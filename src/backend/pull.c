@@ -75,7 +75,7 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
     if (!tool->attached || !handle->active || turning) {
         pliant_status status = pliant_patch_hold(data, index);
         if (status != PLIANT_OK) return status;
-        if (!tool->attached) memcpy(handle->force, tool->force, sizeof handle->force); /* that of a restored grasp; otherwise 0 */
+        if (!tool->attached) memcpy(handle->force, tool->force, sizeof handle->force); /* 0, unless the grasp was restored */
         tool->attached = true;
     }
     bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;

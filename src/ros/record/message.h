@@ -11,7 +11,7 @@
 
 namespace pliant_ros {
 
-/* The message that tells a person why a recorded message is refused. */
+/* Return why a recorded message is refused, for a person. */
 inline std::string other_version(const rosbag::MessageInstance &recorded, const std::string &type, const std::string &md5)
 {
     const std::string what = recorded.getTopic() + " in the bag is ";

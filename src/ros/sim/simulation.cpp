@@ -297,7 +297,8 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         sample = tools_->sample(i, now);
         sample.present = sample.present && !forgotten;
         const bool loses = !sample.present || (sample.jaw == JAW_UNKNOWN && tools_->parameters(i).grasps);
-        if (loses && tool_state(*data_, static_cast<int>(i)).holding)
+        const bool is_awaited = std::find(lost_.begin(), lost_.end(), tools_->name(i)) != lost_.end();
+        if (loses && !is_awaited && tool_state(*data_, static_cast<int>(i)).holding)
             ROS_WARN("tool %s lets go of what it holds: %s", tools_->name(i).c_str(), forgotten ? "time went back" : sample.why.c_str());
         ToolInput &input = out->tools[i];
         input.present = sample.present;
@@ -345,11 +346,11 @@ bool Simulation::waits_for_tools(const Step &step)
         if (lost == lost_.end() || !tool.present) continue;
         const bool is_holding = tool_state(*data_, static_cast<int>(i)).holding, is_unknown = samples_[i].jaw == JAW_UNKNOWN;
         if (is_holding && is_unknown && !is_late) continue;
-        if (is_holding) ROS_WARN("tool %s %s", tool.name.c_str(), tool.closed ? "holds again what it held" : "is not closed any more: it lets go");
+        if (is_holding) ROS_WARN("tool %s %s", tool.name.c_str(), tool.closed ? "is back and holds its grasp" : "is back with open jaws: its grasp is released");
         lost_.erase(lost);
     }
     if (lost_.empty() || !is_late) return !lost_.empty();
-    for (const std::string &name : lost_) ROS_WARN("tool %s has not come back: what it held is let go", name.c_str());
+    for (const std::string &name : lost_) ROS_WARN("tool %s is not back after %d s: its grasp is released", name.c_str(), HOLD_SECONDS);
     lost_.clear();
     return false;
 }

@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { FORMAT = 1 /* another one whenever the meaning of the bytes changes; the sizes tell of another struct */ };
+enum { FORMAT = 1 /* increment it when the meaning of the bytes changes; the header also has the size of the struct */ };
 
 typedef struct header {
     char magic[8];
@@ -74,10 +74,10 @@ static void take_scalars(const pliant_state *state, pliant_state *out)
 #undef FORGET_ARRAY
 }
 
-size_t pliant_state_write(const pliant_state *state, size_t room, void *out)
+size_t pliant_state_write(const pliant_state *state, size_t size, void *out)
 {
-    const size_t size = state->body ? size_of(state) : 0;
-    if (size == 0 || room < size) return size;
+    const size_t needed = state->body ? size_of(state) : 0;
+    if (needed == 0 || size < needed) return needed;
     pliant_state scalars;
     take_scalars(state, &scalars);
     char *at = (char *)out + sizeof(header), *const begin = at;
@@ -90,7 +90,7 @@ size_t pliant_state_write(const pliant_state *state, size_t room, void *out)
     memcpy(head.magic, magic, sizeof head.magic);
     head.checksum = add_sum(no_sum, begin, (size_t)head.bytes);
     memcpy(out, &head, sizeof head);
-    return size;
+    return needed;
 }
 
 /* ---- reading */
@@ -166,7 +166,7 @@ static bool points_are_sound(const pliant_state *state, int32_t nodes)
     return true;
 }
 
-/* Whether its numbers name what the body has. */
+/* Return whether its nodes, tetrahedra, pieces and tools exist. */
 static bool is_sound(const pliant_state *state, const pliant_body *body)
 {
     const int32_t nodes = body->fine.num_nodes, pieces = body->pieces ? body->pieces->count : 0;
