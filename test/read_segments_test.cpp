@@ -211,8 +211,7 @@ TEST(DicomSeg, FramesOfSegments)
     }
     expect_two_segments(folder.path()); /* the only segmentation of a folder */
     dicom_seg_file between = two_segments();
-    between.between.clear();
-    between.add_frame(1, 1, {});
+    between.between.clear(); /* the thickness remains */
     save(folder / "seg.dcm", between.bytes());
     expect_two_segments(folder / "seg.dcm");
     save(folder / "more.dcm", between.bytes());
@@ -258,6 +257,7 @@ TEST(DicomSeg, OneSlice)
     temporary_folder folder;
     dicom_seg_file file = two_segments();
     file.frames.resize(1);
+    file.between.clear();
     save(folder / "seg.dcm", file.bytes());
     labels_holder map;
     ASSERT_EQ(pliant_labels_read((folder / "seg.dcm").c_str(), 0, &map), PLIANT_OK) << pliant_last_error();
@@ -265,6 +265,8 @@ TEST(DicomSeg, OneSlice)
     EXPECT_NEAR(map->geometry.spacing[2], 0.002, 1e-12);
     EXPECT_NEAR(map->geometry.origin[2], 0.036, 1e-12);
     EXPECT_EQ(map->voxels[1], 3);
+    file.thickness = "0";
+    expect_no_labels(folder / "seg.dcm", file.bytes(), {"seg.dcm", "one slice without SliceThickness"});
 }
 
 TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)

@@ -170,9 +170,11 @@ private:
             const double step = sorted[n] - sorted[n - 1];
             if (step > 1e-3 && (smallest == 0.0 || step < smallest)) smallest = step;
         }
-        const double told = !between.empty() ? std::fabs(between[0]) : 0.0;
-        double step = is_step(told) ? told : smallest;
-        if (smallest == 0.0 && told == 0.0) step = thickness.empty() ? 1.0 : thickness[0]; /* a single slice */
+        const double told = between.empty() ? 0.0 : std::fabs(between[0]), thick = thickness.empty() ? 0.0 : thickness[0];
+        const double step = is_step(told) ? told : is_step(thick) ? thick : smallest; /* slices without a segment are left out */
+        if (smallest == 0.0 && step == 0.0)
+            fail(PLIANT_ERROR_FORMAT, "%s: a DICOM segmentation (SEG) of one slice without SliceThickness and SpacingBetweenSlices: %s",
+                 path_.c_str(), EXPORT);
         if (!is_step(step))
             fail(PLIANT_ERROR_FORMAT,
                  "%s: the slices of the DICOM segmentation (SEG) are not evenly spaced (SpacingBetweenSlices %g mm, smallest "
