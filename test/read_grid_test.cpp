@@ -2,6 +2,7 @@
 #include "scan_files.h"
 
 #include <cmath>
+#include <random>
 #include <limits>
 
 namespace
@@ -206,4 +207,50 @@ TEST(LabelNumbers, AnEmptyMapIsWarnedOf)
         else
             expect_words(log.warnings(), {"labels.mha", "empty label map", "24 voxels"});
     }
+}
+
+/* TotalSegmentator names its labels in an extension of the header. */
+TEST(LabelNumbers, NamesOfClassesInNifti)
+{
+    temporary_folder folder;
+    nifti_file file;
+    std::vector<int16_t> values(24, 0);
+    values[3] = 5;
+    file.data = bytes_of(values);
+    std::string bytes = file.bytes();
+    const std::string table = "<?xml version=\"1.0\"?> <CaretExtension><LabelTable>\n<Label Key=\"0\"><![CDATA[???]]></Label>\n<Label Key=\"5\" Red=\"1.0\" Alpha=\"1\">"
+                              "<![CDATA[liver]]></Label>\n<Label Red=\"0\" Key=\"6\"> stomach </Label><Label Key=\"5\">again</Label><Label Key=\"70000\">far</Label>";
+    std::string extension = bytes_of(std::vector<int32_t>{int32_t(table.size() + 8), 0}) + table;
+    extension.resize((extension.size() + 15) / 16 * 16, ' ');
+    bytes.insert(352, extension);
+    nifti_file::put(&bytes, 108, std::vector<float>{float(352 + extension.size())});
+    bytes[348] = 1;
+    for (size_t cut : {size_t(0), size_t(1)}) { /* a table that ends early names what it can */
+        std::string shown = bytes;
+        if (cut) shown[shown.find("</Label><Label Key=\"5\"")] = '[';
+        save(folder / "labels.nii", shown);
+        pliant_labels labels = {};
+        ASSERT_EQ(pliant_labels_read((folder / "labels.nii").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
+        EXPECT_EQ(labels.voxels[3], 5);
+        ASSERT_EQ(labels.num_segments, 2u);
+        EXPECT_EQ(labels.segments[0].value, 5);
+        EXPECT_EQ(labels.segments[0].is_class, 1u);
+        EXPECT_STREQ(labels.segments[0].name, "liver");
+        if (!cut) EXPECT_STREQ(labels.segments[1].name, "stomach");
+        pliant_labels_free(&labels);
+        volume_holder scan; /* a scan may have one, too */
+        EXPECT_EQ(pliant_volume_read((folder / "labels.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+    }
+    std::mt19937 random(3);
+    const size_t in_use = pliant_memory_in_use();
+    for (int mutant = 0; mutant < 300; mutant++) { /* damaged names are read or refused, and nothing leaks */
+        std::string broken = bytes;
+        for (int n = 0; n < 1 + mutant % 5; n++) broken[348 + random() % (broken.size() - 348)] = char(random());
+        save(folder / "labels.nii", broken);
+        pliant_labels labels = {};
+        const pliant_status status = pliant_labels_read((folder / "labels.nii").c_str(), 1 << 20, &labels);
+        EXPECT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_FORMAT) << pliant_last_error();
+        pliant_labels_free(&labels);
+    }
+    EXPECT_EQ(pliant_memory_in_use(), in_use);
 }

@@ -134,3 +134,27 @@ TEST(SegmentNames, UnknownOnesAreListedWithTheNearest)
     EXPECT_EQ(pliant_material_classify(&held.table, &all.scan, &all.labels, material.data()), PLIANT_ERROR_MATERIAL);
     expect_words(pliant_last_error(), {"more; rename the segments"});
 }
+
+/* Ids of classes decide, and names warn of a table of another task. */
+TEST(SegmentNames, ClassesGoByTheirIds)
+{
+    table_holder held;
+    pliant_label_segment kidney = segment_of("kidney_left", "", "", 2, 2), other = segment_of("kidney_right", "", "", 5, 5), unknown = segment_of("liver", "", "", 7, 7);
+    kidney.is_class = other.is_class = unknown.is_class = 1;
+    segmented map({kidney, other});
+    map.labels.voxels[2] = 1; /* an id that the file does not name */
+    std::vector<uint8_t> material(16, 99);
+    ASSERT_EQ(pliant_material_classify(&held.table, &map.scan, &map.labels, material.data()), PLIANT_OK) << pliant_last_error();
+    EXPECT_EQ(material[0], 2);
+    EXPECT_EQ(material[1], 1);
+    EXPECT_EQ(material[2], 1);
+    pliant_set_log([](pliant_log_level, const char *message, void *) { said() += std::string(message) + "\n"; }, nullptr);
+    said().clear();
+    EXPECT_EQ(pliant_material_log_usage(&held.table, &map.scan, &map.labels, material.data()), PLIANT_OK);
+    pliant_set_log(nullptr, nullptr);
+    expect_words(said(), {"material Kidney: 1 voxels, 0.001 ml: label 2 \"kidney_left\" 1\n", "material liver: 2 voxels, 0.002 ml: label 5 \"kidney_right\" 1, label 1 1\n",
+                          "disagree (is it the table of this task?): label 5 is \"kidney_right\", but has material liver, not Kidney\n"});
+    segmented missing({unknown});
+    EXPECT_EQ(pliant_material_classify(&held.table, &missing.scan, &missing.labels, material.data()), PLIANT_ERROR_MATERIAL);
+    expect_words(pliant_last_error(), {"no material for labels 7 (liver): 1 voxels"});
+}

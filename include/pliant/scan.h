@@ -42,7 +42,7 @@ typedef struct pliant_volume {
     char id[128];           /**< name for people and messages: file name or "phantom" */
 } pliant_volume;
 
-/** A segment of a segmentation file (.seg.nrrd, DICOM SEG). Texts are UTF-8, cut to 63 bytes, "" where the file has none. */
+/** A segment of a segmentation file (.seg.nrrd, DICOM SEG), or a label that NIfTI names (as TotalSegmentator writes it). Texts are UTF-8, cut to 63 bytes, "" where the file has none. */
 typedef struct pliant_label_segment {
     uint16_t label;       /**< in the label map */
     uint16_t value;       /**< in the file: SegmentN_LabelValue, SegmentNumber. It differs from label if layers repeat values */
@@ -50,6 +50,7 @@ typedef struct pliant_label_segment {
     char identifier[64];  /**< SegmentN_ID */
     char terminology[64]; /**< type and modifier of the terminology entry; meaning of the property type in DICOM SEG */
     float color[3];       /**< red, green, blue, 0 .. 1; negative where the file has none */
+    uint32_t is_class;    /**< 1: the value is the id of a class (NIfTI), and its material has this label; 0: its material has its name */
 } pliant_label_segment;
 
 /** Label map on the grid of its scan; 0 is "no label". */

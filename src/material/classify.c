@@ -41,19 +41,18 @@ static uint8_t of_value(const lookup *l, double value)
 
 static void fill(const pliant_material_table *table, const pliant_volume *scan, const pliant_labels *labels, lookup *l)
 {
-    const uint32_t num_segments = labels ? labels->num_segments : 0;
     memset(l->of_label, NONE, sizeof l->of_label);
-    for (uint32_t s = 0; s < num_segments; ++s) {
-        const int material = pliant_material_of_segment(table, labels->segments + s);
-        if (material >= 0) l->of_label[labels->segments[s].label] = (uint8_t)material;
-    }
     for (uint32_t m = 0; m < table->num_materials; ++m) {
         const pliant_material *material = &table->materials[m];
-        for (uint32_t i = 0; !num_segments && i < material->num_labels; ++i) l->of_label[material->labels[i]] = (uint8_t)m;
+        for (uint32_t i = 0; i < material->num_labels; ++i) l->of_label[material->labels[i]] = (uint8_t)m;
         if (!material->num_range) continue;
         int at = l->num_ranges++;
         for (; at > 0 && l->ranges[at - 1].low > material->range[0]; --at) l->ranges[at] = l->ranges[at - 1];
         l->ranges[at] = (range){material->range[0], material->range[1], (uint8_t)m};
+    }
+    for (uint32_t s = 0; labels && s < labels->num_segments; ++s) {
+        const int material = pliant_material_of_segment(table, labels->segments + s);
+        l->of_label[labels->segments[s].label] = material < 0 ? (uint8_t)NONE : (uint8_t)material;
     }
     for (int bits = 0; bits < NUM_16; ++bits) {
         int stored = scan->encoding == PLIANT_INT16 && bits >= NUM_16 / 2 ? bits - NUM_16 : bits;
@@ -99,6 +98,9 @@ static void finish(listing *list)
         snprintf(list->text + list->used, sizeof list->text - list->used, " and %d more", list->items - list->listed);
 }
 
+/* True if names decide materials, false if ids of classes do. */
+static bool has_segments(const pliant_labels *labels) { return labels->num_segments > 0 && !labels->segments[0].is_class; }
+
 static void list_segments(const lookup *l, const pliant_material_table *table, const pliant_labels *labels,
                           const uint64_t *counts, listing *list)
 {
@@ -117,14 +119,17 @@ static void list_labels(const lookup *l, const pliant_material_table *table, con
 {
     const size_t voxels = pliant_geometry_voxels(&labels->geometry);
     for (size_t v = 0; v < voxels; ++v) ++counts[labels->voxels[v]];
-    if (labels->num_segments > 0) {
+    if (has_segments(labels)) {
         list_segments(l, table, labels, counts, list);
         return;
     }
     for (int label = 1; label < NUM_16; ++label) {
-        char item[16];
+        char item[100];
+        const char *name = "";
         if (!counts[label] || l->of_label[label] != NONE) continue;
-        snprintf(item, sizeof item, "%d", label);
+        for (uint32_t s = 0; s < labels->num_segments; ++s)
+            if (labels->segments[s].label == label) name = labels->segments[s].name;
+        snprintf(item, sizeof item, name[0] ? "%d (%s)" : "%d", label, name);
         add(list, item, counts[label]);
     }
     finish(list);
@@ -158,7 +163,7 @@ static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t
 
 static const char *remedy_for(const pliant_labels *labels, bool names_labels)
 {
-    if (labels->num_segments > 0) return "; rename the segments, or add their names to \"segments\" of a material in the table";
+    if (has_segments(labels)) return "; rename the segments, or add their names to \"segments\" of a material in the table";
     return names_labels ? "" : " (the material table names no labels: give one that does, or no label map)";
 }
 
@@ -174,7 +179,7 @@ static pliant_status complain(const lookup *l, const pliant_material_table *tabl
     list_gaps(l, scan, labels ? labels->voxels : NULL, counts, &gaps);
     pliant_free(counts);
     return pliant_fail(PLIANT_ERROR_MATERIAL, "%s: no material for%s%s%s%s%s%s", scan->id[0] ? scan->id : "scan",
-                       !missing.items ? "" : labels->num_segments > 0 ? " segments " : " labels ", missing.text, missing.items && gaps.items ? "; nor for" : "",
+                       !missing.items ? "" : has_segments(labels) ? " segments " : " labels ", missing.text, missing.items && gaps.items ? "; nor for" : "",
                        gaps.items ? " intensities " : "", gaps.text,
                        missing.items ? remedy_for(labels, names_labels) : "");
 }

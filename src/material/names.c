@@ -62,7 +62,7 @@ bool pliant_same_name(const char *a, const char *b)
 }
 
 /* A name that stands in the table as it is written goes before one that is merely the same. */
-static int find(const pliant_material_table *table, const char *name)
+int pliant_material_named(const pliant_material_table *table, const char *name)
 {
     words wanted;
     if (!name[0]) return -1;
@@ -112,11 +112,11 @@ int pliant_segment_match_of(const pliant_material_table *table, const pliant_lab
                  {segment->terminology, PLIANT_SEGMENT_BY_TERMINOLOGY}};
     int found = -1;
     pliant_segment_match how = PLIANT_SEGMENT_UNKNOWN;
-    for (size_t n = 0; found < 0 && n < sizeof tries / sizeof *tries; ++n) {
-        found = find(table, tries[n].name);
+    for (size_t n = 0; !segment->is_class && found < 0 && n < sizeof tries / sizeof *tries; ++n) {
+        found = pliant_material_named(table, tries[n].name);
         how = tries[n].match;
     }
-    if (found < 0 && is_numbered(segment->name) && segment->value == segment->label) {
+    if (segment->is_class || (found < 0 && is_numbered(segment->name) && segment->value == segment->label)) {
         found = find_label(table, segment->value);
         how = PLIANT_SEGMENT_BY_VALUE;
     }

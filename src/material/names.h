@@ -23,6 +23,9 @@ typedef enum pliant_segment_match {
 /* As pliant_material_of_segment. @param match out, what decided */
 int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match);
 
+/* Return the index of the material that has a name, or lists it under segments; -1: none. */
+int pliant_material_named(const pliant_material_table *table, const char *name);
+
 /* Write the at most three names of a table that are nearest to a name: "liver, liver_vessels". */
 void pliant_nearest_names(const pliant_material_table *table, const char *name, char *out, size_t size);
 

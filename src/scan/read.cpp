@@ -98,6 +98,7 @@ pliant_labels read_labels(const std::string &path, size_t memory_limit)
     check_memory(path, source->header, true, memory_limit);
     raw_voxels raw(source->header);
     source->read(raw.voxels);
+    source->read_names();
 
     pliant_labels labels = {};
     labels.geometry = source->header.geometry;

@@ -59,6 +59,8 @@ public:
     virtual ~image_source() = default;
     /* Every voxel, i fastest, as header.type in the byte order of this machine. The voxels must be zero before. */
     virtual void read(void *voxels) = 0;
+    /* Fill segments of a label map whose labels have names. */
+    virtual void read_names() {}
 };
 
 /* By a word of a header: "CT", "MR", "PT"; words that say nothing ("OT", other) are unknown. */

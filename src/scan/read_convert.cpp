@@ -161,7 +161,8 @@ uint16_t *convert_labels(const std::string &path, const image_header &header, vo
     size_t count = pliant_geometry_voxels(&header.geometry);
     range range = value_range(path, header, raw.voxels, count);
     if (range.low < -LABEL_ROUNDING || range.high > UINT16_MAX + LABEL_ROUNDING)
-        fail(PLIANT_ERROR_FORMAT, "%s: labels from %.9g to %.9g: they must be whole numbers from 0 to 65535",
+        fail(PLIANT_ERROR_FORMAT, "%s: labels from %.9g to %.9g: they must be whole numbers from 0 to 65535; name a label map, not a scan, "
+             "and resample it by nearest neighbour only",
              path.c_str(), range.low, range.high);
     if (!values_are_whole(header))
         with_type(header.type, raw.voxels, [&](auto *v) {

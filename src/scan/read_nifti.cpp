@@ -1,7 +1,7 @@
 /* NIfTI-1 and NIfTI-2, one file or header and image (https://nifti.nimh.nih.gov/nifti-1).
  * Read here and not by ITK, whose reader replaces NaN by 0, fills the end of truncated data with zeros, leaves the
  * origin of files in metres unscaled, and refuses valid sforms far from the origin. */
-#include "scan/read.h"
+#include "scan/read_segments.h"
 
 #include <algorithm>
 #include <cmath>
@@ -263,6 +263,33 @@ std::string image_file(const std::string &path)
     fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, neither is there", path.c_str(), base.c_str(), base.c_str());
 }
 
+/* Labels by the table of a header extension: <Label Key="5" ...><![CDATA[liver]]></Label> (Caret's XML, which
+ * TotalSegmentator writes). */
+std::vector<pliant_label_segment> named_labels(const std::string &text)
+{
+    std::vector<pliant_label_segment> labels;
+    std::vector<bool> used(UINT16_MAX + 1, false);
+    const std::string start = "<Label ", key = "Key=\"", mark = "<![CDATA[", end = "</Label>";
+    for (size_t at = text.find(start); at != std::string::npos; at = text.find(start, at + 1)) {
+        const size_t head = text.find('>', at), tail = text.find(end, at), number = text.find(key, at);
+        std::vector<double> value;
+        if (tail == std::string::npos || head > tail || number > head) break;
+        const size_t quote = text.find('"', number + key.size());
+        if (quote > head || !parse_numbers(text.substr(number + key.size(), quote - number - key.size()), ' ', &value) || value.size() != 1) break;
+        std::string name = trimmed(text.substr(head + 1, tail - head - 1));
+        if (name.compare(0, mark.size(), mark) == 0) name = name.substr(mark.size(), name.find("]]>") - mark.size());
+        if (!(value[0] >= 1 && value[0] <= UINT16_MAX) || value[0] != std::floor(value[0]) || used[static_cast<size_t>(value[0])]) continue;
+        used[static_cast<size_t>(value[0])] = true;
+        pliant_label_segment one = {};
+        one.label = one.value = static_cast<uint16_t>(value[0]);
+        one.is_class = 1;
+        std::fill(one.color, one.color + 3, -1.0f); /* TotalSegmentator repeats a few colours */
+        set_text(name, one.name);
+        labels.push_back(one);
+    }
+    return labels;
+}
+
 class nifti_source : public image_source {
 public:
     nifti_source(std::string path, uint64_t offset, bool compressed, bool swap)
@@ -279,6 +306,14 @@ public:
             byte_stream stream(path_, offset_, byte_stream::packing::none);
             read_voxels(stream, header, swap_, voxels);
         }
+    }
+    void read_names() override
+    {
+        const uint64_t longest = 1 << 20;
+        byte_stream stream(path_, 0, compressed_ ? byte_stream::packing::deflate : byte_stream::packing::none);
+        std::string text(static_cast<size_t>(std::min(offset_, longest)), '\0');
+        stream.read_exactly(&text[0], text.size(), "the header");
+        segments = named_labels(text);
     }
 
 private:

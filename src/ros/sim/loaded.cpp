@@ -85,7 +85,7 @@ std::shared_ptr<const Scan> read_scan(const pliant_scene &scene, const std::stri
     make_unique(scan->checksum, &scan->volume);
     if (scan->labels.voxels)
         scan->labels_checksum = hash(0xcbf29ce484222325u, scan->labels.voxels, pliant_geometry_voxels(&scan->labels.geometry) * sizeof *scan->labels.voxels);
-    if (scan->labels.num_segments > 0)
+    if (scan->labels.num_segments > 0 && !scan->labels.segments[0].is_class)
         scan->labels_checksum = hash(scan->labels_checksum, scan->labels.segments, scan->labels.num_segments * sizeof *scan->labels.segments);
     return scan;
 }
