@@ -2,8 +2,8 @@
 #include "scan_files.h"
 
 #include <cmath>
-#include <random>
 #include <limits>
+#include <random>
 
 namespace
 {
@@ -225,7 +225,7 @@ TEST(LabelNumbers, NamesOfClassesInNifti)
     bytes.insert(352, extension);
     nifti_file::put(&bytes, 108, std::vector<float>{float(352 + extension.size())});
     bytes[348] = 1;
-    for (size_t cut : {size_t(0), size_t(1)}) { /* a table that ends early names what it can */
+    for (size_t cut : {size_t(0), size_t(1)}) { /* the second label has no end */
         std::string shown = bytes;
         if (cut) shown[shown.find("</Label><Label Key=\"5\"")] = '[';
         save(folder / "labels.nii", shown);

@@ -61,7 +61,7 @@ bool pliant_same_name(const char *a, const char *b)
     return same_words(&first, &second);
 }
 
-/* A name that stands in the table as it is written goes before one that is merely the same. */
+/* A name that is equal letter by letter goes first. */
 int pliant_material_named(const pliant_material_table *table, const char *name)
 {
     words wanted;
