@@ -300,6 +300,68 @@ TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
     expect_words(pliant_last_error(), {path, "RTSTRUCT", "3D Slicer", "plastimatch convert --input"});
 }
 
+/* --- masks, one a file --- */
+
+TEST(Masks, OfAFolderAreSegments)
+{
+    temporary_folder folder;
+    auto mask = [&](const std::string &name, std::initializer_list<size_t> set, int16_t value) {
+        nifti_file file;
+        std::vector<int16_t> values(24, 0);
+        for (size_t n : set) values[n] = value;
+        file.data = bytes_of(values);
+        save(folder / name, file.bytes());
+    };
+    mask("liver.nii", {1, 2, 3}, 1);
+    mask("spleen.nii", {3, 4}, 255);
+    mask("stomach.nii", {}, 1);
+    save(folder / "statistics.json", "{}");
+    {
+        labels_holder map;
+        log_catcher log;
+        ASSERT_EQ(pliant_labels_read(folder.path().c_str(), 0, &map), PLIANT_OK) << pliant_last_error();
+        std::vector<uint16_t> wanted(24, 0);
+        wanted[1] = wanted[2] = 1;
+        wanted[3] = wanted[4] = 2;
+        EXPECT_EQ(std::vector<uint16_t>(map->voxels, map->voxels + 24), wanted);
+        ASSERT_EQ(map->num_segments, 3u);
+        EXPECT_STREQ(map->segments[0].name, "liver");
+        EXPECT_STREQ(map->segments[2].name, "stomach");
+        expect_words(log.warnings(), {"spleen over liver in 1"});
+        for (int call = 0;; call++) { /* every allocation may fail */
+            ASSERT_LT(call, 20);
+            const size_t in_use = pliant_memory_in_use();
+            labels_holder other;
+            pliant_memory_fail_after(call);
+            const pliant_status status = pliant_labels_read(folder.path().c_str(), 0, &other);
+            pliant_memory_fail_after(-1);
+            if (status == PLIANT_OK) break;
+            EXPECT_EQ(status, PLIANT_ERROR_MEMORY);
+            EXPECT_EQ(pliant_memory_in_use(), in_use);
+        }
+    }
+    auto expect_no_map = [&](const std::vector<std::string> &words) {
+        labels_holder map;
+        const size_t in_use = pliant_memory_in_use();
+        EXPECT_EQ(pliant_labels_read(folder.path().c_str(), 0, &map), PLIANT_ERROR_FORMAT);
+        EXPECT_EQ(pliant_memory_in_use(), in_use);
+        expect_words(pliant_last_error(), words);
+    };
+    nifti_file labels, other;
+    std::vector<int16_t> values(24, 1);
+    values[7] = 2;
+    labels.data = bytes_of(values);
+    save(folder / "labels.nii", labels.bytes());
+    expect_no_map({"labels.nii", "it holds 1 and 2", "name this file"});
+    unlink((folder / "labels.nii").c_str());
+    other.srow[3] = 5;
+    save(folder / "zygoma.nii", other.bytes());
+    expect_no_map({"zygoma.nii", "another grid than", "liver.nii"});
+    unlink((folder / "zygoma.nii").c_str());
+    save(folder / "a.seg.nrrd", three_layers().bytes());
+    expect_no_map({"a.seg.nrrd", "no mask of one segment", "name this file"});
+}
+
 /* Damaged files are read or refused, but they neither crash nor keep memory: every truncation, and 300 files with a few wrong bytes. */
 TEST(SegmentationsRefused, TruncationsAndMutants)
 {

@@ -27,14 +27,13 @@ std::unique_ptr<image_source> open_source(const std::string &path, const char *s
 {
     if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a multi-frame DICOM, NIfTI, NRRD or MetaImage file is needed");
     uint64_t bytes = file_size(path); /* fails when it is not there */
+    if (is_folder(path) && labels)
+        if (std::unique_ptr<image_source> masks = open_masks(path)) return masks;
     if (is_folder(path)) return labels ? open_dicom_label_folder(path) : open_dicom_folder(path, series);
     if (bytes == 0) fail(PLIANT_ERROR_FORMAT, "%s: is empty", path.c_str());
 
-    std::string name = lower_case(path), start = file_start(path, 8);
-    if (start.compare(0, 4, "NRRD") == 0 || ends_with(name, ".nrrd") || ends_with(name, ".nhdr")) return open_nrrd(path);
-    if (ends_with(name, ".mha") || ends_with(name, ".mhd")) return open_metaimage(path);
-    if (is_nifti(path)) return open_nifti(path);
-    if (is_dicom_file(path) || ends_with(name, ".dcm")) return labels ? open_dicom_label_file(path) : open_dicom_file(path);
+    if (std::unique_ptr<image_source> source = open_image_file(path)) return source;
+    if (is_dicom_file(path) || ends_with(lower_case(path), ".dcm")) return labels ? open_dicom_label_file(path) : open_dicom_file(path);
     fail(PLIANT_ERROR_FORMAT, "%s: not a scan: a folder with DICOM files, or a multi-frame DICOM (.dcm), NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) or "
          "MetaImage (.mha, .mhd) file is needed", path.c_str());
 }
@@ -110,6 +109,9 @@ pliant_labels read_labels(const std::string &path, size_t memory_limit)
         std::copy(segments.begin(), segments.end(), copy.get());
     }
     labels.voxels = convert_labels(path, source->header, &raw.voxels);
+    if (segments.empty() && std::all_of(labels.voxels, labels.voxels + pliant_geometry_voxels(&labels.geometry), [](uint16_t label) { return label == 0; }))
+        pliant_log(PLIANT_LOG_WARNING, "%s: an empty label map: all its %zu voxels are 0, which is no label", path.c_str(),
+                   pliant_geometry_voxels(&labels.geometry));
     labels.segments = copy.release();
     labels.num_segments = static_cast<uint32_t>(segments.size());
     return labels;

@@ -132,6 +132,10 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path);
 std::unique_ptr<image_source> open_nrrd(const std::string &path);
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series);
 std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* of several frames */
+/* NIfTI, MetaImage or NRRD; NULL: another format. */
+std::unique_ptr<image_source> open_image_file(const std::string &path);
+/* A folder with a mask per segment; NULL if it holds no image that could be one. Where masks overlap the later name wins. */
+std::unique_ptr<image_source> open_masks(const std::string &folder);
 /* The same for labels: a DICOM segmentation if there is one. */
 std::unique_ptr<image_source> open_dicom_label_folder(const std::string &path);
 std::unique_ptr<image_source> open_dicom_label_file(const std::string &path);

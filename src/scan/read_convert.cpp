@@ -178,9 +178,6 @@ uint16_t *convert_labels(const std::string &path, const image_header &header, vo
                 fail_at(path, header, i, what);
             }
         });
-    if (range.high < 0.5)
-        pliant_log(PLIANT_LOG_WARNING, "%s: an empty label map: all its %zu voxels are 0, which is no label",
-                   path.c_str(), count);
     return static_cast<uint16_t *>(convert<uint16_t>(header, &raw, count));
 }
 
