@@ -15,7 +15,7 @@ enum {
     MOST_HALVINGS = 16,
     MOST_OPEN = 3 * DEEPEST + MOST_HALVINGS + 4,
     MOST_PIECES = 20000,
-    MOST_ALONG = 10 /* points along an axis */
+    MOST_ALONG = 5 /* points along an axis */
 };
 static const double steepest = 1.7320508; /* slope of a field between its points: at most 1 along each axis */
 static const double enough = 0.9;         /* of the lowest distance found */
@@ -100,12 +100,35 @@ static int list_along(const pliant_part *core, const region *of, int d, double o
     return count;
 }
 
+/* The field at a point of its grid's box; the part's distance there without its gradient. */
+static double value_at(const pliant_part *core, const double p[3])
+{
+    const pliant_solid *solid = core->solid;
+    const size_t stride[3] = {1, (size_t)solid->size[0], (size_t)solid->size[0] * (size_t)solid->size[1]};
+    const float *value = solid->value;
+    double share[3];
+    for (int d = 0; d < 3; d++) {
+        const double at = (p[d] - core->from[d] - solid->origin[d]) / solid->cell;
+        const int32_t last = solid->size[d] - 2, cell = at > 0 ? at < last ? (int32_t)at : last : 0;
+        share[d] = at - cell;
+        value += (size_t)cell * stride[d];
+    }
+    double plane[2];
+    for (int k = 0; k < 2; k++) {
+        const float *row = value + (k == 1 ? stride[2] : 0), *next = row + stride[1];
+        const double low = (double)row[0] + share[0] * ((double)row[1] - (double)row[0]);
+        const double high = (double)next[0] + share[0] * ((double)next[1] - (double)next[0]);
+        plane[k] = low + share[1] * (high - low);
+    }
+    return plane[0] + share[2] * (plane[1] - plane[0]) - core->radius;
+}
+
 /* normal . (p - middle) + *height is below the distance at each p of the box that lies in the grid. false: the box is
  * too large, or not in it */
 static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height,
                         int64_t *distances)
 {
-    double along[3][MOST_ALONG], p[3], own[3];
+    double along[3][MOST_ALONG], p[3];
     int count[3];
     for (int d = 0; d < 3; d++)
         if ((count[d] = list_along(core, of, d, along[d])) == 0) return false;
@@ -117,9 +140,9 @@ static bool lower_plane(const pliant_part *core, const region *of, const double 
                 p[0] = along[0][i];
                 p[1] = along[1][j];
                 p[2] = along[2][k];
-                double rise = pliant_part_distance(core, p, own);
+                double rise = value_at(core, p);
                 for (int d = 0; d < 3; d++) rise -= normal[d] * (p[d] - of->middle[d]);
-                *height = fmin(*height, rise);
+                *height = rise < *height ? rise : *height;
             }
     return true;
 }
@@ -166,7 +189,7 @@ static int halve(const piece *of, piece *out)
 
 static const piece whole = {.weight = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, .begin = 0, .end = 1};
 
-double pliant_field_least(const pliant_part *core, const double corner[3][3], int64_t *distances)
+double pliant_field_least(const pliant_part *core, const double corner[3][3], double far, int64_t *distances)
 {
     piece stack[MOST_OPEN];
     double lowest = INFINITY, bound = INFINITY;
@@ -181,7 +204,7 @@ double pliant_field_least(const pliant_part *core, const double corner[3][3], in
         *distances += 2;
         lowest = fmin(lowest, pliant_part_distance(core, middle, own));
         if (lowest <= 0) return lowest;
-        const double wanted = enough * lowest - smallest * core->solid->cell;
+        const double wanted = fmin(enough * lowest - smallest * core->solid->cell, far);
         if (least < wanted && lower_plane(core, &around, normal, &height, distances)) {
             double by_plane = INFINITY;
             for (int k = 0; k < 3; k++)

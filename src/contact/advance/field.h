@@ -10,9 +10,9 @@ typedef struct pliant_advance_triangle {
 } pliant_advance_triangle;
 
 /* Lower bound of the field's smallest value on a triangle in the part's frame [m]. It is at most 0 if the triangle
- * enters the part; otherwise it is at least nine tenths of the distance, if that is above a ten thousandth of a cell.
- * Adds the field's evaluations to *distances. */
-double pliant_field_least(const pliant_part *core, const double corner[3][3], int64_t *distances);
+ * enters the part. Otherwise it is at least nine tenths of the distance, less a ten thousandth of a cell, or at least
+ * `far`. Adds the field's evaluations to *distances. */
+double pliant_field_least(const pliant_part *core, const double corner[3][3], double far, int64_t *distances);
 
 /* A time until which the distance stays at least `limit`, from t on. */
 double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,

@@ -56,7 +56,9 @@ static int look(moment *now, double t, double weight[3])
     }
     if (pliant_part_grain(&now->motion->core) > 0) {
         int64_t distances = 0;
-        now->cut = (pliant_cut){.least = pliant_field_least(&now->motion->core, (const double(*)[3])local, &distances)};
+        const double far = 10 * now->motion->leg->guard; /* limits of such distances are alike */
+        now->cut =
+            (pliant_cut){.least = pliant_field_least(&now->motion->core, (const double(*)[3])local, far, &distances)};
         return (int)distances;
     }
     const int distances = pliant_cut_find(&now->motion->core, (const double(*)[3])local, weight, &now->cut);
