@@ -256,6 +256,27 @@ TEST_P(State, AStepThatFailsLeavesIt)
     EXPECT_FALSE(data->tools[0].holding);
 }
 
+// Positions, velocities and the number of sub-steps are as before, however often sub-steps were halved.
+class ExplicitState : public State {};
+TEST_P(ExplicitState, AStepThatDivergesLeavesIt)
+{
+    pliant_data *data = body_.data;
+    begin(data);
+    const double violent[3] = {1e9, 0, 0}, still[3] = {0, 0, -9.81};
+    ASSERT_EQ(pliant_data_set_gravity(data, violent), PLIANT_OK);
+    ASSERT_EQ(pliant_state_save(body_.model, data, saved_), PLIANT_OK);
+    ASSERT_EQ(pliant_step(body_.model, data), PLIANT_ERROR_NUMERIC);
+    EXPECT_EQ(data->statistics.failed, 1u);
+    ASSERT_EQ(pliant_state_save(body_.model, data, other_), PLIANT_OK);
+    EXPECT_EQ(difference(*saved_, *other_), "");
+    ASSERT_EQ(pliant_data_set_gravity(data, still), PLIANT_OK);
+    const std::vector<double> after = go_on(data);
+    ASSERT_EQ(pliant_state_restore(body_.model, data, saved_), PLIANT_OK);
+    ASSERT_EQ(pliant_data_set_gravity(data, still), PLIANT_OK);
+    EXPECT_EQ(go_on(data), after);
+}
+INSTANTIATE_TEST_SUITE_P(Explicit, ExplicitState, testing::Values(all[6], all[7]), [](const testing::TestParamInfo<Case> &each) { return std::string(each.param.name); });
+
 std::vector<char> bytes_of(const pliant_state *state)
 {
     std::vector<char> bytes(pliant_state_write(state, 0, nullptr));
