@@ -1,10 +1,10 @@
 /* The largest fraction of a leg that keeps every rigid part's core out of the tissue's surface.
  *
- * A leg is one motion of all nodes and all parts: nodes and tool tips go along straight lines, tools turn at a constant
- * rate about their tip, and jaws turn at a constant rate about their joint. The core of a part is everything deeper
- * than `guard` below its surface. A pair of a surface triangle and a part has a core distance: the smallest signed
- * distance from the triangle to the core. If all core distances are above 0 at the start of a leg, they are above 0 at
- * every time up to the returned fraction, whatever the motion is.
+ * A leg is one motion of all nodes and all parts. Nodes and tool tips move along straight lines. Tools turn at a
+ * constant rate about their tip, and jaws turn at a constant rate about their joint. The core of a part is everything
+ * deeper than `guard` below its surface. A pair of a surface triangle and a part has a core distance: the smallest
+ * signed distance from the triangle to the core. If all core distances are above 0 at the start of a leg, they stay
+ * above 0 up to the returned fraction. That holds for any motion.
  *
  * Method: conservative advancement (Mirtich, Impulse-based dynamic simulation of rigid body systems, thesis, 1996;
  * Zhang, Lee, Kim, Interactive continuous collision detection for non-convex polyhedra, The Visual Computer 22:749,

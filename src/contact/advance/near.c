@@ -241,7 +241,7 @@ static int32_t list_near(pliant_advance *advance, int32_t num_triangles, const i
     return found;
 }
 
-/* Of the listed triangles those near the parts from first to end, all of one tool. */
+/* List the triangles near the parts from first to end, which are parts of one tool. Return their number. */
 static int32_t list_group(pliant_advance *advance, int32_t found, int32_t first, int32_t end, double margin)
 {
     const box around = box_around(advance, first, end, margin);

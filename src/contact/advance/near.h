@@ -27,7 +27,7 @@ struct pliant_advance {
     pliant_advance_motion *motion; /* (max_parts) */
     int32_t *near;                 /* (max_triangles) triangles that are near any part, ascending */
     pliant_advance_box *box;       /* (max_triangles) around those */
-    int32_t *group;                /* (max_triangles) places in near of those near one tool */
+    int32_t *group;                /* (max_triangles) indices into near: triangles near one tool */
     int32_t num_self, max_self;
     pliant_advance_self_pair *self; /* (max_self) of the surface with itself */
     pliant_advance_tree tree;

@@ -1,8 +1,8 @@
 /* Conservative advancement of one pair. Three bounds of the distance are tried, and the one that leads farthest counts:
  * - a plane that turns with the part: the part stays behind it, so only the triangle's corners move through it. It
- * follows a part that turns far from its tip, and tissue that turns with the part;
+ *   follows a part that turns far from its tip, and tissue that turns with the part;
  * - a plane that keeps its direction: the corners stay before it, the part's own points behind it. It follows a part
- * that turns about the place of contact, or rolls;
+ *   that turns about the contact point, or rolls;
  * - the distance divided by the largest relative speed.
  * Points of the part move on arcs. Over a time s an arc leaves its tangent by at most bend s^2 / 2 with bend its
  * largest acceleration. */

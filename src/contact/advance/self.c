@@ -271,7 +271,7 @@ static void look(const search *on, const pliant_advance_self_pair *pair, double 
     out->distance = lowest - highest;
 }
 
-/* How far the plane leads, or the distance divided by the relative speed. */
+/* Return the larger of two safe times: by the separating plane, and by distance over relative speed. */
 static double step_of(const search *on, const pliant_advance_self_pair *pair, const moment *now)
 {
     const int first = pair->is_edges ? 2 : 1;
