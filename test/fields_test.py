@@ -97,9 +97,9 @@ class Fields(unittest.TestCase):
     def tearDownClass(cls):
         cls.room.cleanup()
 
-    def deform(self, name, *arguments, cut="sever", element="linear"):
+    def deform(self, name, *arguments, cut="sever", element="linear", more=""):
         scene = self.folder / (name + ".yaml")
-        scene.write_text(SCENE % (cut, element))
+        scene.write_text(SCENE % (cut, element) + more)
         out = self.folder / name
         subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools", str(self.folder / (cut + ".yaml")), "--steps", "20",
                         "--quiet", "--out", str(out), *arguments], check=True)
@@ -184,6 +184,35 @@ class Fields(unittest.TestCase):
                 self.assertGreater(max(data.max() for data in mesh.cell_data["fragment"]), 0)
                 self.assertGreater(mesh.point_data["fixed"].sum(), 0)
 
+    def test_meshes_come_back_through_meshio(self):
+        out = self.deform("given", "--vtk", "--no-volume", cut="none")
+        given = meshio.read(out / "mesh.vtu")
+        names = np.loadtxt(out / "elements.csv", delimiter=",", skiprows=1, usecols=4, dtype=str)
+        numbers = {name: 1 + n for n, name in enumerate(sorted(set(names)))}
+        region = np.array([numbers[name] for name in names], np.int32)
+        rest, tets = given.point_data["rest_position"], given.cells_dict["tetra"]
+        gmsh = meshio.Mesh(1000 * rest, [("tetra", tets)], field_data={"Soft Tissue": np.array([1, 3])},
+                           cell_data={key: [np.ones(len(tets), np.int32)] for key in ("gmsh:physical", "gmsh:geometrical")})
+        material = meshio.Mesh(1000 * rest, [("tetra", tets)], cell_data={"material": [given.cell_data["material"][0]]})
+        files = {"text.msh": lambda path: meshio.write(path, gmsh, file_format="gmsh", binary=False),
+                 "binary.msh": lambda path: meshio.write(path, gmsh, file_format="gmsh", binary=True),
+                 "zlib.vtu": lambda path: meshio.vtu.write(path, material, compression="zlib"),
+                 "plain.vtu": lambda path: meshio.vtu.write(path, material, compression=None)}
+        centres = rest[tets].mean(axis=1)
+        for name, write in files.items():
+            with self.subTest(name):
+                write(self.folder / name)
+                made = self.deform("made_" + name, "--vtk", "--no-volume", "--set", "mesh/file=%s" % (self.folder / name), "--set", "mesh/unit=0.001", "--set",
+                                   "mesh/keep_air=true", cut="none", more="fixed: {boxes: [{low: [-1, -1, -1], high: [1, 1, -0.14]}]}\n")
+                mesh = meshio.read(made / "mesh.vtu")
+                found = np.loadtxt(made / "elements.csv", delimiter=",", skiprows=1, usecols=4, dtype=str)
+                soft = name.endswith("msh")  # all of it is one region there
+                wanted = np.column_stack([centres, np.full(len(tets), numbers["soft_tissue"]) if soft else region])
+                made_centres = mesh.point_data["rest_position"][mesh.cells_dict["tetra"]].mean(axis=1)
+                rows = np.column_stack([made_centres, [numbers[one] for one in found]])
+                self.assertEqual(*(sorted(map(tuple, np.round(of, 6).tolist())) for of in (rows, wanted)))
+                self.assertGreater(np.linalg.norm(mesh.point_data["displacement"], axis=1).max(), 0.005)
+
     def test_stress_is_that_of_the_tables(self):
         out = self.deform("stress", "--vtk", "--no-volume", "--scalars", "von_mises,principal_stress", cut="none")
         mesh = meshio.read(out / "mesh.vtu")
@@ -240,4 +269,4 @@ class Fields(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1], verbosity=2)
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)

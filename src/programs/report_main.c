@@ -177,7 +177,8 @@ static pliant_status run(report_program *program)
     const size_t merged = pliant_results_rows(program->tables.sweep);
     if (arguments->num_parts && !arguments->scan && merged > 0) /* the newest rows are shown */
         snprintf(program->setup, sizeof program->setup, "%s", pliant_results_cell(program->tables.sweep, merged - 1, 0));
-    bool choosable = arguments->sweep.shard <= 1 && arguments->scene.solver.kind == PLIANT_COROTATIONAL && arguments->scene.mesh.kind == PLIANT_LATTICE;
+    bool choosable = arguments->sweep.shard <= 1 && arguments->scene.solver.kind == PLIANT_COROTATIONAL && arguments->scene.mesh.kind == PLIANT_LATTICE &&
+                   !arguments->scene.mesh.file[0];
     if (arguments->do_sweep && choosable) { /* what a load of this scene would take */
         pliant_choice choice;
         status = choice_output(&program->input, arguments->folder, arguments->pictures, &choice);

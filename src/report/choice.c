@@ -243,7 +243,7 @@ static pliant_status check(const pliant_scene *scene)
 {
     pliant_status status = pliant_scene_check(scene);
     if (status < 0) return status;
-    if (scene->solver.kind != PLIANT_COROTATIONAL || scene->mesh.kind != PLIANT_LATTICE)
+    if (scene->solver.kind != PLIANT_COROTATIONAL || scene->mesh.kind != PLIANT_LATTICE || scene->mesh.file[0])
         return pliant_fail(PLIANT_ERROR_SCENE, "choose/budget_ms: settings are chosen for solver/kind corotational and mesh/kind lattice "
                                                "only; set it to 0");
     return PLIANT_OK;

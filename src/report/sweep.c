@@ -38,7 +38,7 @@ void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
     const bool tled = scene->solver.kind == PLIANT_TLED;
     const int32_t *budgets = tled ? relaxation : iterations;
     memset(out, 0, sizeof *out);
-    out->methods = tled || scene->mesh.kind == PLIANT_OCTREE ? 1u << PLIANT_FINE : with_elements(scene);
+    out->methods = tled || scene->mesh.kind == PLIANT_OCTREE || scene->mesh.file[0] ? 1u << PLIANT_FINE : with_elements(scene);
     out->ratios[out->num_ratios++] = scene->mesh.ratio;
     for (size_t b = 0; b < sizeof iterations / sizeof *iterations; b++) out->iterations[out->num_iterations++] = budgets[b];
     const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, forward and a little up and aside, so that no axis is special */
@@ -258,7 +258,7 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
     if (scene.mesh.kind == PLIANT_LATTICE) scene.mesh.ratio *= 2;
     scene.model.method = PLIANT_FINE;
     scene.solver.kind = PLIANT_COROTATIONAL;
-    if (8.0 * ground->fine->body->fine.num_tets > ground->sweep->twice_limit || pliant_scene_check(&scene) < 0) return PLIANT_OK;
+    if (scene.mesh.file[0] || 8.0 * ground->fine->body->fine.num_tets > ground->sweep->twice_limit || pliant_scene_check(&scene) < 0) return PLIANT_OK;
     pliant_status status = begin(state, "ratio %d: building the mesh of twice the resolution", ground->scene.mesh.ratio);
     if (status >= 0) status = build(state, &scene, &model, &peak);
     if (status >= 0) status = pliant_points_create(&model->body->fine, ground->count, ground->rest, &ground->twice_points);

@@ -172,7 +172,7 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
     double *now = NULL, *true_at = NULL;
     *worst = (pliant_truth){.order = 0};
     if (!ground) return pliant_fail_memory("the error of the mesh");
-    pliant_status status = input->scene->solver.kind == PLIANT_COROTATIONAL && input->scene->mesh.kind == PLIANT_LATTICE
+    pliant_status status = input->scene->solver.kind == PLIANT_COROTATIONAL && input->scene->mesh.kind == PLIANT_LATTICE && !input->scene->mesh.file[0]
                                ? PLIANT_OK
                                : pliant_fail(PLIANT_ERROR_SCENE, "the error of the mesh is estimated for the corotational solver on a lattice alone");
     ours.cases &= 1u << CASE_displacement | 1u << CASE_force | 1u << CASE_sag;

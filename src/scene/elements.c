@@ -17,6 +17,7 @@ static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
     const bool tled = scene->solver.kind == PLIANT_TLED;
     const tetrahedral all[] = {
         {scene->cut.kind == PLIANT_CUT_SUBDIVIDE, "cut/kind: subdivide cuts tetrahedra", "sever"},
+        {scene->mesh.file[0] != 0, "mesh/file is a mesh of tetrahedra", "an empty text"},
         {scene->contact.self || scene->contact.obstacles[0] || scene->obstacles.num_boxes > 0 || scene->obstacles.num_planes > 0,
          "contact/self, obstacles: thin sheets of hexahedra fold over what presses them", NULL},
         {tled && scene->tled.nodal_pressure, "tled/nodal_pressure: hexahedra have one change of volume each and need none", "false"},

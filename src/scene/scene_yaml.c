@@ -130,6 +130,8 @@ static pliant_status read_options(const text_scene *document, const char *text, 
     if (document->options[pliant_option_find("material/labels") - options] &&
         !make_relative(base, scene->material.labels))
         return refuse(text, name, "material", "labels", 0, "the whole path is longer than 255 characters");
+    if (document->options[pliant_option_find("mesh/file") - options] && !make_relative(base, scene->mesh.file))
+        return refuse(text, name, "mesh", "file", 0, "the whole path is longer than 255 characters");
     if (document->options[pliant_option_find("contact/obstacles") - options] && !make_relative(base, scene->contact.obstacles))
         return refuse(text, name, "contact", "obstacles", 0, "the whole path is longer than 255 characters");
     return PLIANT_OK;

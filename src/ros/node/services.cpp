@@ -225,7 +225,7 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
                 throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
             /* these name files, too */
-            if (name == "material/file" || name == "material/labels") value = value.empty() ? "" : allowed(value);
+            if (name == "material/file" || name == "material/labels" || name == "mesh/file") value = value.empty() ? "" : allowed(value);
             if (name == "material/file") pliant_material_table_free(&materials.table);
             check(pliant_scene_set(&scene, name.c_str(), value.c_str()));
         }

@@ -260,7 +260,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
     /* the V-cycle's meshes nest by lattice, and its elements have nodes of their own cube alone */
-    bool direct = scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
+    bool direct = scene->mesh.file[0] || scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
     return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, NULL, &system->preconditioner);
 }
 

@@ -7,6 +7,7 @@
 #include "material/names.h"
 #include "pliant/memory.h"
 #include "sim/build/discretization.h"
+#include "sim/build/external.h"
 #include "scene/elements.h"
 #include "scene/options.h"
 #include "sim/build/fixed.h"
@@ -71,6 +72,7 @@ static pliant_status cut_up(builder *build)
     const pliant_geometry *geometry = &model->scan->geometry;
     const int32_t *coarse_cells = model->scene.mesh.coarse_cells;
     int32_t ratio = model->scene.mesh.ratio, cells[3] = {coarse_cells[0] * ratio, coarse_cells[1] * ratio, coarse_cells[2] * ratio};
+    if (model->scene.mesh.file[0]) return pliant_external_mesh(model);
     if (model->scene.mesh.kind == PLIANT_OCTREE) {
         return pliant_mesh_octree(geometry, coarse_cells, model->scene.mesh.depth, model->scene.mesh.purity, model->scene.mesh.keep_air,
                                   model->scene.element.kind == PLIANT_HEXAHEDRA, model->material_of_voxel, &model->materials, &body->fine,
@@ -127,12 +129,13 @@ static pliant_status integrate(builder *build)
     pliant_model *model = build->model;
     pliant_body *body = model->body;
     const pliant_mesh *fine = &body->fine;
-    bool octree = model->scene.mesh.kind == PLIANT_OCTREE; /* its leaves have materials already */
+    const bool file = model->scene.mesh.file[0];
+    bool octree = file || model->scene.mesh.kind == PLIANT_OCTREE; /* its leaves have materials already */
     if (!octree) body->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *body->fine_material);
     body->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *body->node_mass);
     if (!body->fine_material || !body->node_mass) return pliant_fail_memory("the materials of the mesh");
     for (int32_t t = 0; !octree && t < fine->num_tets; t++) body->fine_material[t] = build->lattice_material[fine->lattice_of_tet[t]];
-    if (fine->num_moved > 0) {
+    if (fine->num_moved > 0 && !file) {
         pliant_status status = pliant_mesh_integrate_moved(fine, &model->scan->geometry, model->material_of_voxel,
                                                            !model->scene.material.deformable_bone, &model->materials, body->fine_material);
         if (status != PLIANT_OK) return status;
@@ -410,6 +413,7 @@ static pliant_status check(const pliant_scene *scene, const pliant_material_tabl
     if (status == PLIANT_OK && scene->cut.kind != PLIANT_CUT_NONE && scene->model.method == PLIANT_LOD)
         status = pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: lod interpolates within whole cubes of the lattice, which cannot be divided; set "
                                                  "model/method to averaged or another one, or cut/kind to none");
+    if (status == PLIANT_OK) status = pliant_external_check(scene);
     if (status == PLIANT_OK) status = pliant_scene_check_elements(scene);
     if (status == PLIANT_OK && scene->material.slides[0] && scene->cut.kind != PLIANT_CUT_SEVER)
         status = pliant_fail(PLIANT_ERROR_SCENE, "material/slides parts the voxels of the scan: set cut/kind to sever");

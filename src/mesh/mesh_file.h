@@ -1,0 +1,58 @@
+/* Tetrahedral meshes of other programs: VTK's .vtu and Gmsh's .msh. */
+#ifndef PLIANT_MESH_MESH_FILE_H
+#define PLIANT_MESH_MESH_FILE_H
+
+#include "pliant/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What a file says about regions. */
+typedef enum mesh_regions {
+    MESH_REGIONS_NONE,      /* nothing */
+    MESH_REGIONS_NUMBERED,  /* a number per tetrahedron, perhaps with a name: as labels of a label map */
+    MESH_REGIONS_MATERIALS  /* the number is the place in the material table (the array `material` of pliant_mesh_save) */
+} mesh_regions;
+
+typedef struct mesh_region_name {
+    int64_t number;
+    char name[64];
+} mesh_region_name;
+
+typedef struct mesh_file {
+    int32_t num_nodes, num_tets;
+    double *nodes;          /* (num_nodes x 3) [m] */
+    int32_t *tets;          /* (num_tets x 4) */
+    mesh_regions regions;
+    int64_t *region;        /* (num_tets) of each tetrahedron; NULL: none */
+    int32_t num_names;
+    mesh_region_name *name; /* (num_names) */
+} mesh_file;
+
+/* Read a mesh by the ending of its path. Tetrahedra become positively oriented, nodes that none has are left out.
+ * unit: of lengths in the file [m]. Free with mesh_file_free. Errors (*out untouched): FILE, FORMAT (with what to do), MEMORY. */
+pliant_status pliant_mesh_file_read(const char *path, double unit, mesh_file *out);
+void pliant_mesh_file_free(mesh_file *file); /* Nullable */
+
+/* A whole file in memory, with a 0 behind its end. */
+typedef struct file_text {
+    const char *path;
+    char *data;
+    size_t size;
+} file_text;
+
+/* The two formats: connectivity, nodes and regions as the file has them. *out is zeroed before and freed by the caller even after an error. */
+pliant_status pliant_mesh_parse_msh(const file_text *text, mesh_file *out);
+pliant_status pliant_mesh_parse_vtu(const file_text *text, mesh_file *out);
+
+/* The fine mesh of a file: its tetrahedra in cells around their centres, in which points are found (pliant_mesh_locate).
+ * scan: its box must overlap the mesh. material: (file's num_tets) of each; empty ones are left out unless keep_air.
+ * materials: out, (out's num_tets), freed with pliant_free. Errors: SCENE, MEMORY. */
+pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan, const uint8_t *material, bool keep_air,
+                                  const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

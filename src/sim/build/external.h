@@ -1,0 +1,21 @@
+/* The fine mesh of a file (mesh/file). */
+#ifndef PLIANT_SIM_BUILD_EXTERNAL_H
+#define PLIANT_SIM_BUILD_EXTERNAL_H
+
+#include "state/model.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Read mesh/file into the body's fine mesh, and give its tetrahedra materials: by the file's regions, or by the scan where it has none.
+ * Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
+pliant_status pliant_external_mesh(pliant_model *model);
+
+/* What does not go with mesh/file. Errors: SCENE. */
+pliant_status pliant_external_check(const pliant_scene *scene);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
