@@ -108,6 +108,18 @@ class LaunchTest(unittest.TestCase):
         self.assertEqual(params["/tissue/sim/parent_frame"].value, "PSM1_base")
         self.assertEqual(params["/tissue/sim/tools"].value, "PSM1")
 
+    def test_browsers_get_standard_types_alone(self):
+        config = load(SOURCE + "/launch/tissue.launch", ["web:=true", "ns:=liver"])
+        nodes = {node.name: node for node in config.nodes}
+        self.assertEqual((nodes["rosbridge_websocket"].package, nodes["rosapi"].package), ("rosbridge_server", "rosapi"))
+        topics = config.params["/liver/rosbridge_websocket/topics_glob"].value
+        for topic in ("slice/*", "mesh/points", "mesh/marker", "*/measured_cf"):
+            self.assertIn(topic, topics)
+        for topic in topics.strip("[]").split(", "):
+            self.assertRegex(topic, "^/(tf|tf_static|diagnostics|liver/.+)$")
+            self.assertNotIn(topic, ("/liver/volume", "/liver/*", "/liver/mesh/*"))  # our own types stay off
+        self.assertNotIn("rosbridge_websocket", [node.name for node in load(SOURCE + "/launch/tissue.launch", []).nodes])
+
     def test_a_fourth_arm_is_refused(self):
         for name in ("crtk.launch", "dvrk.launch", "raven.launch", "ambf.launch"):
             for arms in ("a b c d", "a,b"):
