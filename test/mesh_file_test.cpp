@@ -1,4 +1,4 @@
-// Meshes of other programs as the fine mesh: .vtu and .msh, their regions, and what is refused.
+// Meshes of other programs as the fine mesh: .vtu and .msh, their regions, and refused files.
 #include "pipeline/body.h"
 #include "scan_files.h"
 
@@ -352,7 +352,7 @@ TEST(MeshFile, SaysWhatIsWrongAndWhatToDo)
     expect_refused(file("a.msh", text.substr(0, text.size() / 2)), 1e-3, PLIANT_ERROR_FORMAT, {"a.msh"});
     expect_refused(file("a.msh", replaced(text, "3 11 4 ", "3 11 5 ")), 1e-3, PLIANT_ERROR_FORMAT, {"type 5", "-order 1"});
     expect_refused(file("a.msh", msh_of(tets, true, others)), 1e-3, PLIANT_ERROR_MATERIAL, {"6 'styff' (nearest: stiff"});
-    expect_refused(file("a.msh", text), 1, PLIANT_ERROR_SCENE, {"lies beside the scan", "mesh/unit"}, [](Block &block) {
+    expect_refused(file("a.msh", text), 1, PLIANT_ERROR_SCENE, {"lies outside the scan", "mesh/unit"}, [](Block &block) {
         for (int d = 0; d < 3; d++) block.scan.geometry.origin[d] -= 1;
     });
     expect_refused(file("a.vtu", vtu), 1, PLIANT_ERROR_MATERIAL, {"regions without a material", "0", "labels of a material"});

@@ -108,7 +108,7 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
     X(REAL, purity, 0.95, 0.0, 1.0, "", "octree: a cube is split unless this part of its voxels is of one material")  \
     X(BOOL, keep_air, false, 0, 1, "", "keep tetrahedra that hold no tissue, as a filler that neither turns nor tears; without them the deformed volume has the scan's background there, not its air") \
     X(BOOL, bone_surface, false, 0, 1, "", "nodes beside what is fixed (bone, regions) are moved onto its surface ([H] 4.2)") \
-    X(STRING, file, "", 0, 0, "", "tetrahedral mesh in LPS axes in place of the lattice: .vtu, or .msh of Gmsh 4.1; its regions are materials by name or label, else the scan says. Method fine, no cuts; empty: none") \
+    X(STRING, file, "", 0, 0, "", "tetrahedral mesh instead of the lattice, LPS axes: .vtu, or .msh of Gmsh 4.1. Materials follow from its regions by name or label, or else from the scan. Method fine, no cuts; empty: none") \
     X(REAL, unit, 1.0, 1e-6, 1.0, "m", "unit of lengths in mesh/file; 0.001 for millimetres")
 #define PLIANT_SCENE_ELEMENT(X)                                                                                        \
     X(ELEMENT, kind, PLIANT_ELEMENT_AUTO, 0, 0, "", "hexahedra: cubes with one change of volume each; linear: the papers' tetrahedra, too stiff where tissue bends or is nearly incompressible; auto: hexahedra but for what is made of tetrahedra (cuts that subdivide, nodal pressure) and where tissue is touched (contact/self, obstacles, tools with a shape); the log says which")

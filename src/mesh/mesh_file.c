@@ -53,7 +53,7 @@ static double six_volumes(const mesh_file *file, const int32_t *node)
            e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
 }
 
-/* Check what was parsed, and give every tetrahedron a positive orientation. */
+/* Check the parsed numbers, and give every tetrahedron a positive orientation. */
 static pliant_status check(const char *path, double unit, mesh_file *file)
 {
     if (file->num_tets < 1) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has no tetrahedra; export a volume mesh of linear tetrahedra", path);
@@ -110,7 +110,7 @@ pliant_status pliant_mesh_file_read(const char *path, double unit, mesh_file *ou
     mesh_file file = {0};
     const bool msh = ends_with(path, ".msh");
     if (!msh && !ends_with(path, ".vtu"))
-        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: its ending tells no format of meshes; use .vtu (VTK) or .msh (Gmsh 4.1)", path);
+        return pliant_fail(PLIANT_ERROR_FORMAT, "%s: unknown ending of a mesh; use .vtu (VTK) or .msh (Gmsh 4.1)", path);
     pliant_status status = read_text(path, &text);
     if (status != PLIANT_OK) return status;
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), old = uselocale(c); /* a point in numbers */
@@ -179,7 +179,7 @@ static pliant_status make_cells(const char *path, const mesh_file *file, const p
     for (int d = 0; d < 3; d++) last[d] = first[d] + (high[d] - low[d]) / scan->spacing[d];
     for (int d = 0; d < 3; d++)
         if (last[d] < -0.5 || first[d] > scan->size[d] - 0.5)
-            return pliant_fail(PLIANT_ERROR_SCENE, "mesh/file: %s lies beside the scan, from %.4g to %.4g m along its axis %d; check mesh/unit (0.001 for millimetres) "
+            return pliant_fail(PLIANT_ERROR_SCENE, "mesh/file: %s lies outside the scan, from %.4g to %.4g m along its axis %d; check mesh/unit (0.001 for millimetres) "
                                "and that the mesh has LPS axes", path, low[d], high[d], d + 1);
     return PLIANT_OK;
 }
@@ -222,7 +222,7 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
         for (int32_t n = 0; n < file->num_nodes; n++) {
             if (!row[n]) continue;
             memcpy(mesh->rest + 3 * (size_t)mesh->num_nodes, file->nodes + 3 * (size_t)n, 3 * sizeof *mesh->rest);
-            mesh->lattice_of_node[mesh->num_nodes] = mesh->num_nodes; /* every node is at a place of its own */
+            mesh->lattice_of_node[mesh->num_nodes] = mesh->num_nodes; /* unique: nodes with equal numbers would count as copies */
             row[n] = mesh->num_nodes++;
         }
         for (int32_t t = 0; t < file->num_tets; t++) {

@@ -8,11 +8,11 @@
 extern "C" {
 #endif
 
-/* What a file says about regions. */
+/* How a file describes regions. */
 typedef enum mesh_regions {
     MESH_REGIONS_NONE,      /* nothing */
     MESH_REGIONS_NUMBERED,  /* a number per tetrahedron, perhaps with a name: as labels of a label map */
-    MESH_REGIONS_MATERIALS  /* the number is the place in the material table (the array `material` of pliant_mesh_save) */
+    MESH_REGIONS_MATERIALS  /* the number is the index in the material table (the array `material` of pliant_mesh_save) */
 } mesh_regions;
 
 typedef struct mesh_region_name {
@@ -46,7 +46,7 @@ typedef struct file_text {
 pliant_status pliant_mesh_parse_msh(const file_text *text, mesh_file *out);
 pliant_status pliant_mesh_parse_vtu(const file_text *text, mesh_file *out);
 
-/* The fine mesh of a file: its tetrahedra in cells around their centres, in which points are found (pliant_mesh_locate).
+/* Make the fine mesh of a file. Its tetrahedra are sorted into cells by their centres, so that pliant_mesh_locate finds points.
  * scan: its box must overlap the mesh. material: (file's num_tets) of each; empty ones are left out unless keep_air.
  * materials: out, (out's num_tets), freed with pliant_free. Errors: SCENE, MEMORY. */
 pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan, const uint8_t *material, bool keep_air,

@@ -76,7 +76,7 @@ static double read_real(msh_reader *reader)
     return value;
 }
 
-/* To behind the line that begins a section; false: there is none. */
+/* Go to the line after the one that begins a section. Return false if the file lacks it. */
 static bool find_section(msh_reader *reader, const char *name)
 {
     const size_t length = strlen(name);

@@ -11,10 +11,10 @@
 
 enum { ATTRIBUTE = 96 };
 
-/* A tag: what it says, between < and >. */
+/* The text of a tag, between < and >. */
 typedef struct tag { const char *begin, *end; } tag;
 
-/* What the head of a file says. */
+/* The properties in the head of a file. */
 typedef struct vtu_file {
     const file_text *text;
     const char *end;             /* of the tags: where appended data begin */
@@ -25,7 +25,7 @@ typedef struct vtu_file {
 
 static pliant_status refuse(const vtu_file *file, const char *reason) { return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s", file->text->path, reason); }
 
-/* The next tag of a name from a place on. */
+/* Find the next tag of a name after a position. */
 static bool find_tag(const char *from, const char *end, const char *name, tag *out)
 {
     const size_t length = strlen(name);
@@ -93,7 +93,7 @@ static int base64_value(char c)
     return c == '+' ? 62 : c == '/' ? 63 : -1;
 }
 
-/* Until a character of no base64. Padding may stand in the middle: a header is a group of its own. false: out of memory */
+/* Until a character of no base64. Padding may stand in the middle, after a separate header. false: out of memory */
 static bool decode(const char *from, const char *end, bytes *out)
 {
     int group[4], count = 0, padding = 0;
@@ -121,7 +121,7 @@ static uint64_t number_at(const vtu_file *file, const bytes *in, size_t index)
     return value;
 }
 
-/* Blocks of zlib behind their sizes, to as many bytes as are wanted. */
+/* Decompress zlib blocks, which follow their sizes, to `wanted` bytes. */
 static bool inflate_blocks(const vtu_file *file, const bytes *in, size_t wanted, uint8_t *out)
 {
     if (in->size < 3 * file->header) return false;
@@ -138,7 +138,7 @@ static bool inflate_blocks(const vtu_file *file, const bytes *in, size_t wanted,
     return to == wanted;
 }
 
-/* The bytes of a binary array, as many as are wanted. false: damaged, or out of memory */
+/* Read the `wanted` bytes of a binary array. false: damaged, or out of memory */
 static bool read_bytes(const vtu_file *file, const bytes *in, size_t wanted, uint8_t *out)
 {
     if (file->compressed) return inflate_blocks(file, in, wanted, out);

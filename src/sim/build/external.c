@@ -48,7 +48,7 @@ static pliant_status by_regions(const char *path, const pliant_material_table *t
     for (int32_t t = 0; t < file->num_tets; t++) {
         int n = 0;
         while (n < count && known[n].number != file->region[t]) n++;
-        if (n == MAX_REGIONS) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has more than %d regions; merge those of one material", path, MAX_REGIONS);
+        if (n == MAX_REGIONS) return pliant_fail(PLIANT_ERROR_FORMAT, "%s: has more than %d regions; merge regions of one material", path, MAX_REGIONS);
         if (n == count) {
             const char *name;
             known[count].number = file->region[t];
@@ -92,7 +92,7 @@ static void by_scan(const pliant_model *model, const mesh_file *file, uint8_t *m
     }
 }
 
-/* Where regions say what is bone, all of its nodes are fixed, not those that the scan has in bone. */
+/* Regions replace the scan: all nodes of a fixed region are fixed, and nodes in the scan's bone are not. */
 static pliant_status place_nodes(const pliant_model *model, pliant_mesh *mesh, const pliant_tet_material *materials)
 {
     mesh->place_of_node = pliant_calloc((size_t)mesh->num_nodes, 1); /* PLIANT_BONE_OUTSIDE */

@@ -12,7 +12,7 @@ extern "C" {
  * Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
 pliant_status pliant_external_mesh(pliant_model *model);
 
-/* What does not go with mesh/file. Errors: SCENE. */
+/* Refuse options that do not go with mesh/file. Errors: SCENE. */
 pliant_status pliant_external_check(const pliant_scene *scene);
 
 #ifdef __cplusplus

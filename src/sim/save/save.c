@@ -258,7 +258,7 @@ pliant_status pliant_mesh_save(const char *path, const pliant_model *model, cons
     const bool mesh = ends_with(path, ".vtu"), vtp = ends_with(path, ".vtp"), ply = ends_with(path, ".ply");
     saved what = {path, model, body, positions, contact_forces, unit, ""};
     pliant_surface *surface = NULL;
-    if (!(mesh || vtp || ply)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: its ending tells no format of meshes; use .vtu, .vtp or .ply", path);
+    if (!(mesh || vtp || ply)) return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: unknown ending of a mesh; use .vtu, .vtp or .ply", path);
     if (!(unit == 1 || unit == 1e-3))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "%s: its unit is %g m; use 1 (metres) or 1e-3 (millimetres)", path, unit);
     describe(&what);
