@@ -1,6 +1,7 @@
 // Sessions of every engine with cuts are recorded as the node records them, into a bag, and computed again from there, each turn to the bit. They
 // run on a GPU where there is one. No master, no clock.
 #include "../pipeline/adapt_cases.h"
+#include "ros/record/earlier.h"
 #include "ros/record/message.h"
 #include "ros/record/rerun.h"
 #include "ros/sim/moment.h"
@@ -256,6 +257,9 @@ TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
     } catch (const pliant_ros::Failure &failed) {
         EXPECT_NE(std::string(failed.what()).find("another version of Pliant (md5 00000"), std::string::npos) << failed.what();
     }
+    bag.close();
+    EXPECT_THROW(pliant_ros::check_steps({path}, "pliant/Step"), pliant_ros::Failure); // a player would publish them as they are
+    EXPECT_NO_THROW(pliant_ros::check_steps({path}, "another topic"));
     std::remove(path.c_str());
 }
 INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,

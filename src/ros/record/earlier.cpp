@@ -55,6 +55,17 @@ Earlier read_earlier(const std::vector<std::string> &bags, double start, const T
     return out;
 }
 
+void check_steps(const std::vector<std::string> &bags, const std::string &topic)
+{
+    for (const std::string &path : bags) {
+        rosbag::Bag bag(path, rosbag::bagmode::Read);
+        rosbag::View view(bag, rosbag::TopicQuery(topic));
+        for (const rosbag::ConnectionInfo *each : view.getConnections())
+            if (each->md5sum != ros::message_traits::md5sum<pliant::Step>())
+                throw Failure(PLIANT_ERROR_FORMAT, path + ": its steps are of another version of Pliant: show it without simulate, or compute it again with pliant_bag --simulate");
+    }
+}
+
 pliant::SessionConstPtr first_session(const std::vector<std::string> &bags, const std::string &topic)
 {
     for (const std::string &path : bags) {

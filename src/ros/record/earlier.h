@@ -26,6 +26,9 @@ struct Earlier {
    until then. Throws std::runtime_error with a message for a person where a bag cannot be read or is of another version of the messages. */
 Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics, const std::function<bool()> &goes_on);
 
+/* Throw a Failure if a player of these bags would publish steps of another version, to which no node of this version connects. */
+void check_steps(const std::vector<std::string> &bags, const std::string &topic);
+
 /* The first session in the bags; empty: they have none. Throws as above. */
 pliant::SessionConstPtr first_session(const std::vector<std::string> &bags, const std::string &topic);
 

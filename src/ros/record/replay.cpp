@@ -51,6 +51,7 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Pla
     /* the first one, so that its model is there before the bags are played */
     const pliant::SessionConstPtr first = playing.described ? first_session(playing.bags, topics_.session) : nullptr;
     described_ = first != nullptr;
+    if (simulates_) check_steps(playing.bags, topics_.step);
     if (first) session_ = *first;
     /* before the scan is loaded, and with all the room that there is: nothing is lost meanwhile */
     if (described_) sessions_ = handle.subscribe("session", 0, &Replay::take_session, this);
