@@ -99,8 +99,9 @@ PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, 
  *  Errors (old *out untouched): FILE, FORMAT, MEMORY, ARGUMENT (path NULL). */
 PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series, size_t memory_limit, pliant_volume *out);
 /** Read a label map: whole numbers in 0 .. 65535, to 1e-3 (scaled ones are rounded). A map without a label is read with a warning.
- *  It has the format of a scan, or it is a segmentation. A segmentation is a .seg.nrrd of 3D Slicer with one or several layers, or a
- *  DICOM SEG (a file, or a folder with one), or a folder with a mask per segment (liver.nii.gz, as TotalSegmentator writes). Its labels are named by labels->segments. Where segments overlap the later one wins, with a warning. A label is the
+ *  It has the format of a scan, or it is a segmentation. There are three kinds of segmentations: a .seg.nrrd of 3D Slicer with one or
+ *  several layers; a DICOM SEG (a file, or a folder with one); a folder with a mask per segment (liver.nii.gz, as TotalSegmentator writes).
+ *  Its labels are named by labels->segments. Where segments overlap the later one wins, with a warning. A label is the
  *  value of the segment in the file if no two segments share a value, and its position in the file (from 1) otherwise. */
 PLIANT_API pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
