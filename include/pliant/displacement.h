@@ -34,6 +34,7 @@ typedef struct pliant_displacement {
 
 /** The displacement field of a body at these positions. In the sense RESAMPLE it is computed as the deformed volume is (warp.h). So the scan,
  *  interpolated trilinearly there, equals the deformed volume wherever the mask is PLIANT_MASK_TISSUE.
+ *  With warp/hide_empty this holds for the volume that is drawn (pliant_model_get_drawn) instead of the scan.
  *  @param body      of the model, or of a simulation of it (pliant_data_get_body)
  *  @param positions (body's fine.num_nodes x 3) LPS [m]
  *  @param target    any grid; NULL: with sense RESAMPLE that of the deformed volume (pliant_warp_target, warp/margin), with sense TISSUE the scan's

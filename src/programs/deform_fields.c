@@ -29,7 +29,7 @@ static pliant_status write_displacement(const deform_run *run, const char *name,
     char path[PATH_ROOM];
     if (!name) return PLIANT_OK;
     pliant_status status = pliant_displacement_create(run->model, pliant_data_get_body(run->data), pliant_data_get_positions(run->data, NULL), sense,
-                                                      warp ? &pliant_warp_volume(warp)->geometry : NULL, &field);
+                                                      warp && sense == PLIANT_DISPLACEMENT_RESAMPLE ? &pliant_warp_volume(warp)->geometry : NULL, &field);
     if (status < 0) return status;
     path_of(run, name, number, path);
     status = pliant_displacement_write(path, &field);
