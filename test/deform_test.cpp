@@ -113,6 +113,27 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
     EXPECT_NEAR(std::stod(tools.back()[6]), front - 0.01, 1e-3);
 }
 
+// What other programs read of these files: fields_test.py.
+TEST_F(Deform, WritesDisplacementsAndMeshes)
+{
+    ASSERT_EQ(run(small_ + "--steps 4 --every 2 --vtk --unit mm --displacement u.nii.gz --tissue-displacement v.nrrd --out " + in("a")), 0) << err_;
+    for (const char *name : {"mesh.pvd", "surface.pvd", "mesh_000004.vtu", "surface_000002.vtp", "u_000002.nii.gz", "v_000004_mask.nrrd", "u.nii.gz", "v.nrrd"})
+        EXPECT_EQ(access(in(std::string("a/") + name).c_str(), R_OK), 0) << name;
+    pliant_volume deformed{}, mask{}, tissue{};
+    ASSERT_EQ(pliant_volume_read(in("a/deformed.nii.gz").c_str(), nullptr, 0, &deformed), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read(in("a/u_mask.nii.gz").c_str(), nullptr, 0, &mask), PLIANT_OK) << pliant_last_error();
+    ASSERT_EQ(pliant_volume_read(in("a/v_mask.nrrd").c_str(), nullptr, 0, &tissue), PLIANT_OK) << pliant_last_error();
+    EXPECT_TRUE(pliant_geometry_equal(&mask.geometry, &deformed.geometry)) << "ITK's sense: the grid of the deformed volume";
+    EXPECT_EQ(tissue.geometry.size[0], 48) << "the tissue's sense: the grid of the scan";
+    EXPECT_EQ(tissue.geometry.size[2], 40);
+    pliant_volume_free(&deformed);
+    pliant_volume_free(&mask);
+    pliant_volume_free(&tissue);
+    EXPECT_EQ(run("--displacement u.vtk --out " + in("b")), 2);
+    EXPECT_NE(err_.find(".nii.gz"), std::string::npos) << err_;
+    EXPECT_EQ(run("--unit inch --out " + in("b")), 2);
+}
+
 // A ball that presses the wall: its force and torque in tools.csv, that on the nodes as a scalar.
 TEST_F(Deform, TellsForcesOfContact)
 {
