@@ -380,7 +380,7 @@ for line in sys.stdin:
     def test_rates_and_timing(self):
         timing = Latest("timing", StepTiming)
         message = timing.fresh()
-        self.assertEqual(list(message.stage), ["cut", "tool", "contact", "solve", "upsample", "patch", "warp"])
+        self.assertEqual(list(message.stage), ["cut", "interact", "contact", "solve", "upsample", "patch", "warp"])
         self.assertEqual(len(message.seconds), len(message.stage))
         self.assertEqual(message.failed, 0)
         timing.close()
