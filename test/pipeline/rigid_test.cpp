@@ -102,13 +102,13 @@ TEST(Rigid, AnImpulseTurnsItByTheLeverOverTheInertia)
     pull.arm[2] = 0.05;
     pull.force[1] = force;
     ASSERT_FALSE(pliant_rigid_step(&body, none, time, 1, &pull, &no_walls));
-    const double kept = std::exp(-5 * time), inertia = 0.1 / 12 * (0.04 * 0.04 + 0.1 * 0.1); // the drag of what is pulled
-    EXPECT_NEAR(body.velocity[1], kept * force * time / 0.1, 1e-9);
+    const double inertia = 0.1 / 12 * (0.04 * 0.04 + 0.1 * 0.1);
+    EXPECT_NEAR(body.velocity[1], force * time / 0.1, 1e-9);
     std::vector<double> no_arms;
     turn_inertia(body, no_arms);
     double spin[3];
     pliant_rigid_spin(&body, spin);
-    EXPECT_NEAR(spin[0], -kept * 0.05 * force * time / inertia, 1e-3 * 0.05 * force * time / inertia);
+    EXPECT_NEAR(spin[0], -0.05 * force * time / inertia, 1e-3 * 0.05 * force * time / inertia);
 }
 
 // on a plane, on an edge, in a corner of walls: energy never rises, and it comes to lie

@@ -83,8 +83,13 @@ class NodeTest(unittest.TestCase):
         wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
 
     def grasp(self, to_frame=lambda point: point):
+        """At the skin, which lies behind the border of the elements."""
         point = self.node.front()
         self.tool.appear(to_frame(point))
+        contact = wait_for(lambda: self.node.contact.message if self.node.contact.fresh().present else None, "the tool to be there")
+        if not contact.touching:
+            point = point + [0, contact.clearance + 0.001, 0]
+            self.tool.position = list(to_frame(point))
         wait_for(lambda: self.node.contact.fresh().touching, "the tool to touch")
         self.tool.take_hold(self.node.contact)
         return point

@@ -10,7 +10,6 @@
 
 static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
 static const double farthest = 1;   /* of the shortest edge of a cube */
-static const double deepest = 1.4142135623730951; /* times that, inwards: the longest edge of a tetrahedron */
 static const double almost_none = 1e-5; /* of an element is tissue, or is not */
 static const double half = 0.5;     /* of a tetrahedron is tissue; of what is around a point */
 
@@ -123,7 +122,7 @@ static double way_to_tissue(const pliant_outside_voxels *voxels, const double at
     const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
     double before = 0, origin[3];
     pliant_geometry_to_world(voxels->geometry, (const double[3]){0, 0, 0}, origin);
-    for (double way = reach; way >= -deepest * reach; way -= stride) {
+    for (double way = reach; way >= -reach; way -= stride) {
         double there[3];
         for (int d = 0; d < 3; d++) there[d] = at[d] + way * normal[d];
         const double tissue = tissue_at(voxels, origin, there);
