@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Displacement fields and meshes of pliant_deform, read by the programs that they are for: SimpleITK, meshio and VTK.
+One test goes from a segmentation of 3D Slicer to the resampled scan.
 
     fields_test.py PLIANT_DEFORM PLIANT_PHANTOM
 
 Exit code 77 (skipped) where SimpleITK, meshio or numpy is missing: pip install SimpleITK meshio. The part about .vtp needs vtk as well."""
+import gzip
 import pathlib
 import subprocess
 import sys
@@ -25,6 +27,7 @@ except ImportError:
     vtk = None
 
 DEFORM, PHANTOM = sys.argv[1], sys.argv[2]
+SOURCE = pathlib.Path(__file__).resolve().parent.parent
 NO_TISSUE, TISSUE, CUT = 0, 1, 2
 SIZE = "96x70x72"
 
@@ -52,6 +55,30 @@ element: {kind: %s}
 def read(path):
     image = sitk.ReadImage(str(path))
     return image, sitk.GetArrayFromImage(image)
+
+
+def write_segmentation(path, like, layers):
+    """A .seg.nrrd as 3D Slicer writes it: a list of layers, each a list of (name, mask), cropped to what they hold."""
+    held = np.argwhere(np.any([mask for layer in layers for _, mask in layer], axis=0))
+    low, high = held.min(axis=0), held.max(axis=0) + 1
+    box = tuple(slice(*ends) for ends in zip(low, high))
+    voxels = np.zeros(tuple(high - low) + (len(layers),), np.uint8)
+    axes = np.array(like.GetDirection()).reshape(3, 3) * like.GetSpacing()
+    vectors = ["(%s)" % ",".join("%.17g" % value for value in axes[:, d]) for d in range(3)]
+    header = ["NRRD0004", "type: unsigned char", "dimension: 4", "space: left-posterior-superior",
+              "sizes: %d %s" % (len(layers), " ".join(str(size) for size in (high - low)[::-1])),
+              "space directions: none " + " ".join(vectors), "kinds: list domain domain domain", "encoding: gzip",
+              "space origin: (%s)" % ",".join("%.17g" % value for value in like.TransformIndexToPhysicalPoint([int(n) for n in low[::-1]])),
+              "Segmentation_MasterRepresentation:=Binary labelmap",
+              "Segmentation_ReferenceImageExtentOffset:=" + " ".join(str(n) for n in low[::-1])]
+    number = 0
+    for layer, segments in enumerate(layers):
+        for value, (name, mask) in enumerate(segments, 1):
+            voxels[..., layer][mask[box]] = value
+            entries = {"ID": "Segment_%d" % (number + 1), "LabelValue": value, "Layer": layer, "Name": name, "Color": "0.5 0.5 0.5"}
+            header += ["Segment%d_%s:=%s" % (number, key, entry) for key, entry in entries.items()]
+            number += 1
+    path.write_bytes(("\n".join(header) + "\n\n").encode() + gzip.compress(voxels.tobytes()))
 
 
 def resample(scan, field, like):
@@ -101,8 +128,10 @@ class Fields(unittest.TestCase):
         scene = self.folder / (name + ".yaml")
         scene.write_text(SCENE % (cut, element) + more)
         out = self.folder / name
-        subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools", str(self.folder / (cut + ".yaml")), "--steps", "20",
-                        "--quiet", "--out", str(out), *arguments], check=True)
+        run = subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools", str(self.folder / (cut + ".yaml")),
+                              "--steps", "20", "--out", str(out), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, universal_newlines=True)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.log = run.stderr
         return out
 
     def check_resampling(self, out):
@@ -136,6 +165,38 @@ class Fields(unittest.TestCase):
                 mask = self.check_resampling(out)
                 self.assertGreater((mask == CUT).sum(), 300)
                 self.assertLess((mask == CUT).sum(), 0.08 * (mask == TISSUE).sum())
+
+    def test_the_whole_way_from_a_slicer_segmentation(self):
+        """Three layers name the materials, a tool pulls the liver, a blade cuts; ITK and meshio read what comes out."""
+        scan = self.folder / "phantom.nii.gz"
+        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(scan), "--labels", str(self.folder / "labels.nii.gz")], check=True, stdout=subprocess.DEVNULL)
+        labels = read(self.folder / "labels.nii.gz")[1]
+        inner = np.zeros(labels.shape, bool)
+        inner[4:-3, 3:-3, 2:-3] = True
+        labels *= inner
+        layers = [[("Liver", np.isin(labels, (4, 5))), ("spleen", labels == 8)], [("TUMOUR", labels == 5), (" Vessel", np.isin(labels, (9, 10)))],
+                  [("bone", np.isin(labels, (11, 12, 13))), ("kidney", np.isin(labels, (6, 7)))]]
+        write_segmentation(self.folder / "a.seg.nrrd", self.scan, layers)
+        out = self.deform("way", "--labels", str(self.folder / "a.seg.nrrd"), "--displacement", "u.nii.gz", "--vtk",
+                          more="material: {file: %s}\n" % (SOURCE / "launch/materials/phantom.yaml"))
+
+        self.assertRegex(self.log, r"its voxel \(0, 0, 0\) is voxel \([1-9]\d*, [1-9]\d*, [1-9]\d*\) of the scan")
+        self.assertIn("the later one wins in %d voxels: TUMOUR over Liver" % (labels == 5).sum(), self.log)
+        for material, segment, voxels in (("liver", "Liver", labels == 4), ("tumour", "TUMOUR", labels == 5), ("spleen", "spleen", labels == 8),
+                                          ("vessel", "Vessel", np.isin(labels, (9, 10))), ("bone", "bone", np.isin(labels, (11, 12, 13))),
+                                          ("kidney", "kidney", np.isin(labels, (6, 7)))):
+            self.assertRegex(self.log, r'material %s: .*segment "%s" %d\b' % (material, segment, voxels.sum()))
+
+        mask = self.check_resampling(out)
+        self.assertGreater((mask == CUT).sum(), 300)
+
+        mesh = meshio.read(out / "mesh.vtu")
+        nodes = np.loadtxt(out / "nodes.csv", delimiter=",", skiprows=1)
+        tets = np.loadtxt(out / "elements.csv", delimiter=",", skiprows=1, usecols=range(4), dtype=int)
+        np.testing.assert_allclose(mesh.points, nodes[:, 3:6], atol=1e-8)
+        for points, wanted in ((mesh.point_data["rest_position"], nodes[:, :3]), (mesh.points, nodes[:, 3:6])):
+            x = wanted[tets]
+            self.assertAlmostEqual(volume_of(points, mesh.cells) / (np.linalg.det(x[:, 1:] - x[:, :1]).sum() / 6), 1, 6)
 
     def test_nrrd_and_metaimage_hold_the_same(self):
         fields = []
