@@ -9,6 +9,7 @@
 
 #include <cstring>
 #include <fstream>
+#include <set>
 
 namespace {
 
@@ -64,7 +65,7 @@ TEST_F(Confine, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
 {
     for (const char *name : {"../secret.nii", "../nothing.nii", "../nothing/of/that.nii", "/nothing/at/all.nii"}) {
         EXPECT_FALSE(may_read(name));
-        EXPECT_EQ(why, std::string(name) + " is outside " + root);
+        EXPECT_EQ(why, std::string(name) + " is outside " + root + "; move it there, or start the node with another ~scan_root");
     }
     EXPECT_FALSE(may_write("../nothing/of/that.nii"));
     EXPECT_NE(why.find("is outside"), std::string::npos) << why;
@@ -108,7 +109,7 @@ protected:
         pliant_volume volume{};
         pliant_status status;
         {
-            pliant_ros::ConfinedReads confined(root, "");
+            pliant_ros::ConfinedReads confined(root, {});
             status = pliant_volume_read((root + "/" + name).c_str(), nullptr, 0, &volume);
             why = status == PLIANT_OK ? "" : pliant_last_error();
         }
@@ -235,12 +236,12 @@ TEST_F(ConfinedReadsTest, TablesAndScenesToo)
     ASSERT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_OK) << pliant_last_error();
     pliant_material_table_free(&read);
     {
-        pliant_ros::ConfinedReads confined(root, "");
+        pliant_ros::ConfinedReads confined(root, {});
         EXPECT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_ERROR_FILE);
         pliant_scene scene;
         EXPECT_EQ(pliant_scene_read(table.c_str(), &scene), PLIANT_ERROR_FILE);
         {
-            pliant_ros::ConfinedReads with_one_more(root, table);
+            pliant_ros::ConfinedReads with_one_more(root, {table});
             EXPECT_EQ(pliant_material_table_read(table.c_str(), &read), PLIANT_OK) << pliant_last_error();
             pliant_material_table_free(&read);
         }
@@ -250,11 +251,41 @@ TEST_F(ConfinedReadsTest, TablesAndScenesToo)
     pliant_material_table_free(&read);
 }
 
+// the operator's scene may lie anywhere: its table, mesh, obstacles and their STL files are read, and nothing else outside
+TEST_F(ConfinedReadsTest, FilesOfTheOwnScene)
+{
+    write(base + "/table.yaml", "materials: []\n");
+    write(base + "/mesh.vtu", "no mesh");
+    write(base + "/solid.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0\nendloop\nendfacet\n"
+                               "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 1\nendloop\nendfacet\n"
+                               "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendloop\nendfacet\n"
+                               "facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 0 1 0\nvertex 0 0 1\nendloop\nendfacet\nendsolid a\n");
+    write(base + "/obstacles.yaml", "parts: [{kind: convex, file: solid.stl}]\n");
+    pliant_scene scene;
+    pliant_scene_defaults(&scene);
+    EXPECT_TRUE(pliant_ros::files_of(scene).empty());
+    for (const char *option : {"material/file=table.yaml", "mesh/file=mesh.vtu", "contact/obstacles=obstacles.yaml"}) {
+        const std::string text = option;
+        const size_t sign = text.find('=');
+        ASSERT_EQ(pliant_scene_set(&scene, text.substr(0, sign).c_str(), (base + "/" + text.substr(sign + 1)).c_str()), PLIANT_OK);
+    }
+    const std::vector<std::string> files = pliant_ros::files_of(scene);
+    EXPECT_EQ(std::set<std::string>(files.begin(), files.end()),
+              (std::set<std::string>{base + "/table.yaml", base + "/mesh.vtu", base + "/obstacles.yaml", base + "/solid.stl"}));
+    pliant_ros::ConfinedReads confined(root, files);
+    pliant_tool_shape shape{};
+    ASSERT_EQ(pliant_tool_shape_read((base + "/obstacles.yaml").c_str(), &shape), PLIANT_OK) << pliant_last_error();
+    pliant_tool_shape_free(&shape);
+    write(base + "/others.yaml", "parts: [{kind: convex, file: solid.stl}]\n");
+    EXPECT_EQ(pliant_tool_shape_read((base + "/others.yaml").c_str(), &shape), PLIANT_ERROR_FILE);
+    EXPECT_NE(std::string(pliant_last_error()).find("~scan_root"), std::string::npos) << pliant_last_error();
+}
+
 TEST_F(ConfinedReadsTest, WithoutARootNothingIsRead)
 {
     write(root + "/good.mhd", meta + "ElementDataFile = scan.raw\n");
     pliant_volume volume{};
-    pliant_ros::ConfinedReads confined("", "");
+    pliant_ros::ConfinedReads confined("", {});
     EXPECT_EQ(pliant_volume_read((root + "/good.mhd").c_str(), nullptr, 0, &volume), PLIANT_ERROR_FILE);
 }
 

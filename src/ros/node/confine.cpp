@@ -1,8 +1,11 @@
 #include "ros/node/confine.h"
 
+#include "pliant/contact.h"
+
 #include <stdlib.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -44,9 +47,9 @@ bool would_be_inside(const std::string &root, std::string path)
     return is_inside(root, found);
 }
 
-bool real_root(const std::string &root, std::string *out, std::string *why)
+bool real_root(const std::string &root, const std::string &parameter, std::string *out, std::string *why)
 {
-    if (root.empty()) *why = "no folder is set from which callers may name files";
+    if (root.empty()) *why = "no folder is set from which callers may name files; start the node with " + parameter;
     else if (!real(root, out)) *why = root + ": " + std::strerror(errno);
     else return true;
     return false;
@@ -57,7 +60,7 @@ bool real_root(const std::string &root, std::string *out, std::string *why)
 bool confine_existing(const std::string &root, const std::string &path, std::string *resolved, std::string *why)
 {
     std::string top, found;
-    if (!real_root(root, &top, why)) return false;
+    if (!real_root(root, "~scan_root", &top, why)) return false;
     if (path.empty()) {
         *why = "no file is named";
         return false;
@@ -69,7 +72,7 @@ bool confine_existing(const std::string &root, const std::string &path, std::str
         return false;
     }
     if (!there || !is_inside(top, found)) {
-        *why = path + " is outside " + top;
+        *why = path + " is outside " + top + "; move it there, or start the node with another ~scan_root";
         return false;
     }
     *resolved = found;
@@ -79,7 +82,7 @@ bool confine_existing(const std::string &root, const std::string &path, std::str
 bool confine_new(const std::string &root, const std::string &path, std::string *resolved, std::string *why)
 {
     std::string top, folder;
-    if (!real_root(root, &top, why)) return false;
+    if (!real_root(root, "~output_root", &top, why)) return false;
     std::string whole = joined(top, path);
     size_t slash = whole.rfind('/');
     std::string name = whole.substr(slash + 1);
@@ -94,7 +97,7 @@ bool confine_new(const std::string &root, const std::string &path, std::string *
         return false;
     }
     if (!there || !is_inside(top, folder)) {
-        *why = path + " is outside " + top;
+        *why = path + " is outside " + top + "; name a file in there, or start the node with another ~output_root";
         return false;
     }
     std::string target = folder + "/" + name;
@@ -107,10 +110,27 @@ bool confine_new(const std::string &root, const std::string &path, std::string *
     return true;
 }
 
-ConfinedReads::ConfinedReads(const std::string &root, const std::string &also)
+std::vector<std::string> files_of(const pliant_scene &scene)
+{
+    std::vector<std::string> files;
+    std::string found;
+    for (const char *path : {scene.material.file, scene.mesh.file})
+        if (path[0] && real(path, &found)) files.push_back(found);
+    /* what reading the obstacles opens; an error comes when they are read for a model */
+    const auto note = [](const char *path, void *user) -> const char * {
+        static_cast<std::vector<std::string> *>(user)->push_back(path);
+        return nullptr;
+    };
+    const pliant_open_check before = pliant_set_open_check(pliant_open_check{note, &files});
+    pliant_tool_shape shape{};
+    if (scene.contact.obstacles[0] && pliant_tool_shape_read(scene.contact.obstacles, &shape) == PLIANT_OK) pliant_tool_shape_free(&shape);
+    pliant_set_open_check(before);
+    return files;
+}
+
+ConfinedReads::ConfinedReads(const std::string &root, const std::vector<std::string> &also) : also_(also)
 {
     if (!root.empty()) real(root, &root_);
-    if (!also.empty()) real(also, &also_);
     before_ = pliant_set_open_check(pliant_open_check{
         [](const char *path, void *user) { return static_cast<ConfinedReads *>(user)->ask(path); }, this});
 }
@@ -119,8 +139,8 @@ ConfinedReads::~ConfinedReads() { pliant_set_open_check(before_); }
 
 const char *ConfinedReads::ask(const char *path) const
 {
-    bool allowed = (!root_.empty() && is_inside(root_, path)) || (!also_.empty() && also_ == path);
-    return allowed ? nullptr : "it is outside the folder from which callers may name files";
+    const bool allowed = (!root_.empty() && is_inside(root_, path)) || std::find(also_.begin(), also_.end(), path) != also_.end();
+    return allowed ? nullptr : "it is outside the folder from which callers may name files; move it there, or start the node with another ~scan_root";
 }
 
 } // namespace pliant_ros

@@ -4,8 +4,10 @@
 #define PLIANT_ROS_NODE_CONFINE_H
 
 #include "pliant/open.h"
+#include "pliant/scene.h"
 
 #include <string>
+#include <vector>
 
 namespace pliant_ros {
 
@@ -17,11 +19,14 @@ bool confine_existing(const std::string &root, const std::string &path, std::str
    plain one. */
 bool confine_new(const std::string &root, const std::string &path, std::string *resolved, std::string *why);
 
-/* While it lives, the readers of this thread open what lies inside root and the one file `also`, nothing else: data
+/* The files that a scene names, and the STL files that its obstacles name; links resolved. */
+std::vector<std::string> files_of(const pliant_scene &scene);
+
+/* While it lives, the readers of this thread open what lies inside root and the files `also`, nothing else: data
    files of headers, images of a folder and links included. Either may be empty. */
 class ConfinedReads {
 public:
-    ConfinedReads(const std::string &root, const std::string &also);
+    ConfinedReads(const std::string &root, const std::vector<std::string> &also);
     ~ConfinedReads();
     ConfinedReads(const ConfinedReads &) = delete;
     ConfinedReads &operator=(const ConfinedReads &) = delete;
@@ -29,7 +34,8 @@ public:
 private:
     const char *ask(const char *path) const;
 
-    std::string root_, also_; /* links resolved */
+    std::string root_; /* links resolved, here and below */
+    std::vector<std::string> also_;
     pliant_open_check before_;
 };
 

@@ -225,12 +225,12 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
                 throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
             /* these name files, too */
-            if (name == "material/file" || name == "material/labels" || name == "mesh/file") value = value.empty() ? "" : allowed(value);
+            if (name == "material/file" || name == "material/labels" || name == "mesh/file" || name == "contact/obstacles") value = value.empty() ? "" : allowed(value);
             if (name == "material/file") pliant_material_table_free(&materials.table);
             check(pliant_scene_set(&scene, name.c_str(), value.c_str()));
         }
         check(pliant_scene_check(&scene));
-        ConfinedReads confined(parameters_.scan_root, parameters_.scene.material.file);
+        ConfinedReads confined(parameters_.scan_root, files_of(parameters_.scene));
         std::shared_ptr<const Scan> scan = read_scan(scene, path, &materials);
         std::shared_ptr<Loaded> next = build_chosen(scene, scan, materials.table, work_.progress());
         put_in(next, true);
