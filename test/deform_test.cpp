@@ -129,9 +129,32 @@ TEST_F(Deform, WritesDisplacementsAndMeshes)
     pliant_volume_free(&deformed);
     pliant_volume_free(&mask);
     pliant_volume_free(&tissue);
+    for (const char *names : {"--displacement deformed.nii.gz", "--displacement u.nrrd --tissue-displacement u.nrrd"}) {
+        EXPECT_EQ(run(std::string(names) + " --out " + in("b")), 2);
+        EXPECT_NE(err_.find("use another name"), std::string::npos) << err_;
+    }
     EXPECT_EQ(run("--displacement u.vtk --out " + in("b")), 2);
     EXPECT_NE(err_.find(".nii.gz"), std::string::npos) << err_;
     EXPECT_EQ(run("--unit inch --out " + in("b")), 2);
+}
+
+// Each method has its own field, wherever it lies.
+TEST_F(Deform, ComparedMethodsKeepTheirFields)
+{
+    std::ofstream(in("pull.yaml")) << "tools:\n  - {name: g, drive: rigid, grasp: [0, -0.1, 0], motion: [{time: 0.06, offset: [0, -0.01, 0]}]}\n";
+    ASSERT_EQ(run(small_ + "--quiet --steps 4 --compare coarse,fine --tools " + in("pull.yaml") + " --displacement " + in("u.nrrd") +
+                  " --tissue-displacement v.nrrd --out " + in("c")), 0) << err_;
+    for (const char *name : {"u.nrrd", "c/u.nrrd", "c/v.nrrd"}) EXPECT_NE(access(in(name).c_str(), R_OK), 0) << name;
+    for (const auto &pair : {std::array<const char *, 2>{"u_coarse.nrrd", "u_fine.nrrd"}, {"c/coarse/v.nrrd", "c/fine/v.nrrd"}}) {
+        std::string bytes[2];
+        for (int n = 0; n < 2; ++n) {
+            std::ifstream file(in(pair[n]), std::ios::binary);
+            bytes[n].assign(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
+            EXPECT_GT(bytes[n].size(), 1000u) << pair[n];
+        }
+        EXPECT_NE(bytes[0], bytes[1]) << pair[0];
+    }
+    for (const char *name : {"u_coarse_mask.nrrd", "u_fine_mask.nrrd"}) EXPECT_EQ(access(in(name).c_str(), R_OK), 0) << name;
 }
 
 // A ball that presses the wall: its force and torque in tools.csv, that on the nodes as a scalar.

@@ -35,8 +35,9 @@ static const char help[] =
     "                     DIR/compare.csv, with --pictures the scan and the methods side by side in DIR/axial.png ...\n"
     "  --displacement FILE\n"
     "                     write the displacement field, a vector per voxel [mm, LPS], as .nii.gz, .nii, .nrrd or .mha, and a mask beside it\n"
-    "                     (FILE with _mask). A FILE without a folder lies in DIR. With the field as transform, ITK and 3D Slicer\n"
-    "                     resample the scan into deformed.nii.gz: from a voxel there to where its tissue was at rest\n"
+    "                     (FILE with _mask). A FILE without a folder lies in DIR. With a folder and --compare, FILE gets the\n"
+    "                     method's name: u_fine.nii.gz. With the field as transform, ITK and 3D Slicer resample the scan into\n"
+    "                     deformed.nii.gz: from a voxel there to where its tissue was at rest\n"
     "  --tissue-displacement FILE\n"
     "                     the same in the tissue's sense, on the scan's grid: from a voxel of the scan to where its tissue is\n"
     "  --vtk              write mesh.vtu (elements, stress, strain, forces) and surface.vtp for ParaView and meshio; with --every\n"
@@ -168,6 +169,20 @@ static bool read_field(const char *option, const char *text, const char **out)
     return false;
 }
 
+/* Refuse names by which one result would overwrite another. */
+static bool check_fields(const deform_arguments *arguments)
+{
+    const char *names[] = {arguments->displacement, arguments->tissue_displacement};
+    for (int n = 0; n < 2; n++) {
+        const bool same = names[n] && names[1 - n] && strcmp(names[n], names[1 - n]) == 0;
+        if (!same && !(names[n] && strcmp(names[n], "deformed.nii.gz") == 0)) continue;
+        fprintf(stderr, "%s %s: %s is written to that file; use another name\n", n ? "--tissue-displacement" : "--displacement", names[n],
+                same ? "the other field" : "the deformed volume");
+        return false;
+    }
+    return true;
+}
+
 bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *exit_code)
 {
     memset(out, 0, sizeof *out);
@@ -237,7 +252,7 @@ bool deform_arguments_read(int argc, char **argv, deform_arguments *out, int *ex
         fprintf(stderr, "%s needs the volume: leave --no-volume out\n", out->pictures ? "--pictures" : "--seen");
         return false;
     }
-    if (!command_line_scene(argc, argv, options, SET, &out->scene, exit_code)) return false;
+    if (!check_fields(out) || !command_line_scene(argc, argv, options, SET, &out->scene, exit_code)) return false;
     if (!labels || pliant_scene_set(&out->scene, "material/labels", labels) == PLIANT_OK) return true;
     fprintf(stderr, "--labels: %s\n", pliant_last_error());
     *exit_code = EXIT_USAGE;
