@@ -48,6 +48,21 @@ TEST(Dicom, ObliqueStackWithDescendingPositions)
     EXPECT_EQ(scan.at(0, 0, 0), 300 - 1024) << "the last image is the first along the normal";
 }
 
+TEST(Dicom, DeflatedDataSets)
+{
+    temporary_folder plain, packed;
+    volume_holder scan, same;
+    save_series(plain, 5);
+    ASSERT_EQ(pliant_volume_read(plain.path().c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
+    save_series(packed, 5, [](int, dicom_file *file) { file->syntax = DEFLATED_SYNTAX; });
+    for (const std::string &name : packed.names()) save(packed / name, with_deflated_data_set(load(packed / name)));
+    ASSERT_EQ(pliant_volume_read(packed.path().c_str(), nullptr, 0, &same), PLIANT_OK) << pliant_last_error();
+    ASSERT_TRUE(pliant_geometry_equal(&scan->geometry, &same->geometry));
+    EXPECT_EQ(std::memcmp(scan->voxels, same->voxels, 60 * sizeof(int16_t)), 0);
+    save(packed / packed.names()[2], dicom_file{DEFLATED_SYNTAX}.bytes()); /* the data set is not deflated */
+    expect_refused(packed.path(), PLIANT_ERROR_FORMAT, {packed.names()[2], "compressed data are damaged"});
+}
+
 TEST(Dicom, SlopeAndIntercept)
 {
     temporary_folder folder;

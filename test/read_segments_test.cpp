@@ -209,6 +209,10 @@ TEST(DicomSeg, FramesOfSegments)
         save(folder / "seg.dcm", file.bytes());
         expect_two_segments(folder / "seg.dcm");
     }
+    dicom_seg_file packed = two_segments();
+    packed.syntax = DEFLATED_SYNTAX;
+    save(folder / "seg.dcm", with_deflated_data_set(packed.bytes()));
+    expect_two_segments(folder / "seg.dcm");
     expect_two_segments(folder.path()); /* the only segmentation of a folder */
     dicom_seg_file between = two_segments();
     between.between.clear(); /* the thickness remains */
@@ -230,6 +234,9 @@ TEST(DicomSeg, FractionsAndLabelMaps)
     for (dicom_seg_file::frame &frame : file.frames)
         for (uint16_t &value : frame.voxels) value = value ? 50 : 49;
     save(folder / "seg.dcm", file.bytes());
+    expect_two_segments(folder / "seg.dcm");
+    file.syntax = DEFLATED_SYNTAX;
+    save(folder / "seg.dcm", with_deflated_data_set(file.bytes()));
     expect_two_segments(folder / "seg.dcm");
 
     for (uint16_t bits : {8, 16}) {
@@ -289,6 +296,8 @@ TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
     expect_no_labels(path, with([](dicom_seg_file *f) { f->rows = 300; }), {path, "truncated"});
     save(path, two_segments().bytes());
     expect_refused(path, PLIANT_ERROR_FORMAT, {path, "DICOM segmentation (SEG)", "material/labels"}); /* as a scan */
+    for (const auto &one : std::map<std::string, const char *>{{"1.2.840.10008.1.2.5", "compressed pixels of 1 bit"}, {"1.2.840.10008.1.2.8.1", "frames that are deflated"}})
+        expect_no_labels(path, with([&](dicom_seg_file *f) { f->syntax = one.first, f->encapsulated = true; }), {path, one.second, "gdcmconv --raw", "pydicom"});
 
     dicom_file contours;
     contours.object = "1.2.840.10008.5.1.4.1.1.481.3";
@@ -368,12 +377,13 @@ TEST(SegmentationsRefused, TruncationsAndMutants)
     temporary_folder folder;
     seg_nrrd_file packed = three_layers();
     packed.compressed = true;
-    dicom_seg_file marked = two_segments();
+    dicom_seg_file marked = two_segments(), deflated = two_segments();
     marked.marks = true;
+    deflated.syntax = DEFLATED_SYNTAX;
     const struct {
         const char *name;
         std::string bytes;
-    } files[] = {{"a.seg.nrrd", three_layers().bytes()}, {"b.seg.nrrd", packed.bytes()}, {"c.dcm", two_segments().bytes()}, {"d.dcm", marked.bytes()}};
+    } files[] = {{"a.seg.nrrd", three_layers().bytes()}, {"b.seg.nrrd", packed.bytes()}, {"c.dcm", two_segments().bytes()}, {"d.dcm", marked.bytes()}, {"e.dcm", with_deflated_data_set(deflated.bytes())}};
     std::mt19937 random(7);
     const size_t in_use = pliant_memory_in_use();
     size_t refused = 0;

@@ -18,6 +18,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include <vector>
+#include <zlib.h>
 
 /* A folder of its own, removed with its files. */
 class temporary_folder {
@@ -180,6 +181,33 @@ private:
                bytes_of(std::vector<uint32_t>{uint32_t(image.size())}) + image + end;
     }
 };
+
+/* Window bits as zlib takes them: with 16 added gzip, negative without a header. */
+inline std::string deflated(const std::string &bytes, int window_bits)
+{
+    std::string out(bytes.size() + 100, '\0');
+    z_stream stream = {};
+    deflateInit2(&stream, 9, Z_DEFLATED, window_bits, 9, Z_DEFAULT_STRATEGY);
+    stream.next_in = reinterpret_cast<Bytef *>(const_cast<char *>(bytes.data()));
+    stream.avail_in = uInt(bytes.size());
+    stream.next_out = reinterpret_cast<Bytef *>(&out[0]);
+    stream.avail_out = uInt(out.size());
+    deflate(&stream, Z_FINISH);
+    out.resize(stream.total_out);
+    deflateEnd(&stream);
+    return out;
+}
+
+const char *const DEFLATED_SYNTAX = "1.2.840.10008.1.2.1.99";
+
+/* Deflate the data set of a DICOM file whose transfer syntax says so already; the file meta group stays. */
+inline std::string with_deflated_data_set(const std::string &bytes)
+{
+    uint32_t length;
+    std::memcpy(&length, &bytes[140], sizeof length);
+    const size_t start = 144 + length;
+    return bytes.substr(0, start) + deflated(bytes.substr(start), -MAX_WBITS);
+}
 
 /* A stack of slices 2 mm apart along z, in shuffled files; change alters one before it is written. */
 template <class Change> void save_series(const temporary_folder &folder, int count, Change change)

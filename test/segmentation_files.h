@@ -4,7 +4,6 @@
 
 #include "scan_files.h"
 
-#include <zlib.h>
 
 /* A .seg.nrrd of 3 x 4 x 2 voxels. Fields are written as they are; "" leaves one out. */
 struct seg_nrrd_file {
@@ -17,20 +16,6 @@ struct seg_nrrd_file {
     std::string type = "unsigned char", origin = "(0,0,0)", more;
     std::vector<uint8_t> voxels; /* (24, layers), layer fastest if layers_first */
 
-    static std::string deflated(const std::string &bytes)
-    {
-        std::string out(bytes.size() + 100, '\0');
-        z_stream stream = {};
-        deflateInit2(&stream, 9, Z_DEFLATED, MAX_WBITS + 16, 9, Z_DEFAULT_STRATEGY);
-        stream.next_in = reinterpret_cast<Bytef *>(const_cast<char *>(bytes.data()));
-        stream.avail_in = uInt(bytes.size());
-        stream.next_out = reinterpret_cast<Bytef *>(&out[0]);
-        stream.avail_out = uInt(out.size());
-        deflate(&stream, Z_FINISH);
-        out.resize(stream.total_out);
-        deflateEnd(&stream);
-        return out;
-    }
     std::string bytes() const
     {
         const std::string space = "(0.5,0,0) (0,0.5,0) (0,0,2)", size = "3 4 2", count = std::to_string(layers);
@@ -54,7 +39,7 @@ struct seg_nrrd_file {
             add("Tags", segments[n].tags);
         }
         const std::string data(voxels.begin(), voxels.end());
-        return out + "Segmentation_MasterRepresentation:=Binary labelmap\n\n" + (compressed ? deflated(data) : data);
+        return out + "Segmentation_MasterRepresentation:=Binary labelmap\n\n" + (compressed ? deflated(data, MAX_WBITS + 16) : data);
     }
     std::vector<size_t> at(size_t voxel, size_t layer) const
     {
@@ -90,7 +75,7 @@ struct dicom_seg_file {
     std::string uid = "1.2.840.10008.5.1.4.1.1.66.4", kind = "BINARY", spacing = "0.5\\0.5", between = "2", thickness = "2";
     std::string syntax = "1.2.840.10008.1.2.1";
     uint16_t bits = 1, rows = 3, columns = 5, maximum = 255;
-    bool marks = false, has_groups = true;
+    bool marks = false, has_groups = true, encapsulated = false; /* encapsulated: pixels as a fragment */
 
     static std::string words(std::initializer_list<uint32_t> values) { return bytes_of(std::vector<uint32_t>(values)); }
     static std::string element(uint32_t tag, const std::string &type, std::string value)
@@ -126,6 +111,9 @@ struct dicom_seg_file {
                     bit++;
                 }
             }
+        if (encapsulated)
+            return element(0x7fe00010, "OB", "").substr(0, 8) + words({0xffffffff}) + std::string("\xfe\xff\x00\xe0", 4) + words({0}) +
+                   std::string("\xfe\xff\x00\xe0", 4) + words({2}) + "ab" + std::string("\xfe\xff\xdd\xe0", 4) + words({0});
         return element(0x7fe00010, bits == 16 ? "OW" : "OB", out.size() % 2 ? out + '\0' : out);
     }
     std::string bytes() const

@@ -90,6 +90,7 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 {
     dicom_pixels pixels;
     pixels.transfer_syntax = file.transfer_syntax;
+    pixels.deflated_from = file.deflated_from;
     pixels.compressed = file.compressed;
     pixels.rows = file.whole(ROWS, 0);
     pixels.columns = file.whole(COLUMNS, 0);

@@ -16,6 +16,7 @@ struct dicom_file {
     };
     using elements = std::map<uint32_t, std::string>; /* by group << 16 | element; long ones and sequences are empty */
     std::string transfer_syntax;
+    uint64_t deflated_from = 0; /* for dicom_bytes */
     elements values;
     elements shared;              /* of all frames: places, spacing and scale, those of their functional groups that matter */
     std::vector<elements> frames; /* and of each; empty where the file has no functional groups */
@@ -32,12 +33,29 @@ struct dicom_file {
     std::string text_of_frame(size_t frame, uint32_t tag) const;
 };
 
+/* The bytes of a DICOM file by their offset. A data set may be deflated (PS3.5 A.5); its offsets count inflated bytes. Reading
+ * forward is fast, reading backward inflates from the start. */
+class dicom_bytes {
+public:
+    /* deflated_from: where the deflated data set begins; 0: nothing is deflated */
+    dicom_bytes(const std::string &path, uint64_t deflated_from) : path_(path), deflated_from_(deflated_from) {}
+    const std::string &path() const { return path_; }
+    /* Fails with FORMAT if the file is too short; what names the bytes in the message. */
+    void read(uint64_t offset, void *out, size_t count, const char *what);
+
+private:
+    std::string path_;
+    uint64_t deflated_from_, at_ = 0;
+    std::unique_ptr<byte_stream> stream_;
+};
+
 /* False when it is no DICOM file. Fails when it is truncated or damaged. */
 bool read_dicom_file(const std::string &path, dicom_file *out);
 
 /* What decides the numbers of an image. */
 struct dicom_pixels {
     std::string transfer_syntax;
+    uint64_t deflated_from = 0; /* for dicom_bytes */
     bool compressed = false;
     std::vector<dicom_file::part> parts; /* one; compressed: those that make up the image */
     int rows = 0, columns = 0, bits_allocated = 16, bits_stored = 16;
@@ -66,8 +84,8 @@ size_t frames_of(const std::string &path, const dicom_file &file);
 std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes);
 
 /* rows x columns numbers of type(), slope and intercept not applied. Fails with FORMAT.
- * padded: which of them are padding; empty where the file declares none. */
-void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out, std::vector<bool> *padded);
+ * bytes: of the file. padded: which numbers are padding; empty where the file declares none. */
+void read_dicom_pixels(dicom_bytes *bytes, const dicom_pixels &pixels, void *out, std::vector<bool> *padded);
 /* The same of one JPEG, JPEG-LS or JPEG 2000 image, bits above the stored ones included. Fails with FORMAT, MEMORY. */
 void decompress_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image, void *out);
 

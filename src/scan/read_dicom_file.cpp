@@ -57,6 +57,8 @@ bool is_kept_value(uint32_t tag)
     }
 }
 
+const char *const DEFLATED = "1.2.840.10008.1.2.1.99";
+
 struct element {
     uint32_t tag, length;
     char type[3]; /* "" in implicit VR and for items */
@@ -64,9 +66,9 @@ struct element {
 
 class walker {
 public:
-    walker(const std::string &path, dicom_file *out) : path_(path), file_(open_file(path)), size_(file_size(path)), out_(out)
+    walker(const std::string &path, dicom_file *out) : path_(path), bytes_(path, 0), size_(file_size(path)), out_(out)
     {
-        if (!file_) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
+        if (!open_file(path)) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
     }
 
     /* False when nothing here is DICOM. */
@@ -86,6 +88,7 @@ public:
         if (at_ >= size_) truncated();
         if (out_->transfer_syntax.empty()) out_->transfer_syntax = guessed_transfer_syntax();
         check_transfer_syntax();
+        if (out_->transfer_syntax == DEFLATED) begin_deflated();
         explicit_ = out_->transfer_syntax != "1.2.840.10008.1.2";
         while (at_ < size_ && !out_->has_pixels) {
             element e = next_element();
@@ -108,7 +111,7 @@ public:
 
 private:
     std::string path_;
-    std::ifstream file_;
+    dicom_bytes bytes_;
     uint64_t size_, at_ = 0;
     dicom_file *out_;
     bool explicit_ = true;
@@ -126,11 +129,11 @@ private:
         const uint64_t most = 1 << 16; /* nothing longer is asked for */
         if (count > size_ || offset > size_ - count) truncated();
         if (offset < window_at_ || offset + count > window_at_ + window_.size()) {
-            window_.resize(static_cast<size_t>(std::min(most, size_ - offset)));
+            window_.erase(0, static_cast<size_t>(std::min<uint64_t>(offset - window_at_, window_.size())));
+            const size_t kept = window_.size(); /* read again, it would be inflated again from the start */
             window_at_ = offset;
-            file_.seekg(static_cast<std::streamoff>(offset));
-            file_.read(&window_[0], static_cast<std::streamsize>(window_.size()));
-            if (!file_) truncated();
+            window_.resize(static_cast<size_t>(std::min(most, size_ - offset)));
+            bytes_.read(offset + kept, &window_[kept], window_.size() - kept, "the header");
         }
         return window_.substr(static_cast<size_t>(offset - window_at_), static_cast<size_t>(count));
     }
@@ -165,13 +168,28 @@ private:
         return has_type(head) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
     }
 
+    /* The data set behind the file meta group is deflated. Find its length, and read its inflated bytes from here on. */
+    void begin_deflated()
+    {
+        const uint64_t most = uint64_t(16) << 30;
+        byte_stream stream(path_, at_, byte_stream::packing::raw_deflate);
+        std::vector<char> block(1 << 18);
+        uint64_t length = 0;
+        for (size_t got = block.size(); got == block.size() && length <= most; length += got) got = stream.read(block.data(), block.size());
+        if (length > most) damaged("more than 16 GiB of deflated data");
+        stream.finish();
+        out_->deflated_from = at_;
+        size_ = at_ + length;
+        window_.clear();
+        bytes_ = dicom_bytes(path_, at_);
+    }
+
     void check_transfer_syntax()
     {
         const std::string &syntax = out_->transfer_syntax;
         const char *const remedy = "convert it with gdcmconv --raw, dcmconv +te, or to NIfTI";
-        if (syntax == "1.2.840.10008.1.2.2" || syntax == "1.2.840.10008.1.2.1.99")
-            fail(PLIANT_ERROR_FORMAT, "%s: %s DICOM files are not supported; %s", path_.c_str(),
-                 syntax == "1.2.840.10008.1.2.2" ? "big-endian" : "deflated", remedy);
+        if (syntax == "1.2.840.10008.1.2.2")
+            fail(PLIANT_ERROR_FORMAT, "%s: big-endian DICOM files are not supported; %s", path_.c_str(), remedy);
         if (syntax.compare(0, 17, "1.2.840.10008.1.2") != 0)
             fail(PLIANT_ERROR_FORMAT, "%s: transfer syntax \"%.64s\" is not supported; %s", path_.c_str(),
                  syntax.c_str(), remedy);
@@ -303,6 +321,17 @@ private:
 };
 
 } // namespace
+
+void dicom_bytes::read(uint64_t offset, void *out, size_t count, const char *what)
+{
+    if (!stream_ || offset < at_ || (deflated_from_ == 0 && offset != at_)) {
+        at_ = deflated_from_ ? deflated_from_ : offset;
+        stream_.reset(new byte_stream(path_, at_, deflated_from_ ? byte_stream::packing::raw_deflate : byte_stream::packing::none));
+    }
+    stream_->skip(offset - at_, what);
+    stream_->read_exactly(out, count, what);
+    at_ = offset + count;
+}
 
 std::string dicom_file::text(uint32_t tag) const
 {

@@ -148,14 +148,10 @@ void mark_padding(const dicom_pixels &pixels, const void *values, std::vector<bo
 
 } // namespace
 
-void read_dicom_pixels(const std::string &path, const dicom_pixels &pixels, void *out, std::vector<bool> *padded)
+void read_dicom_pixels(dicom_bytes *bytes, const dicom_pixels &pixels, void *out, std::vector<bool> *padded)
 {
-    if (pixels.compressed) {
-        decompress(path, pixels, out);
-    } else {
-        byte_stream stream(path, pixels.parts.front().offset, byte_stream::packing::none);
-        stream.read_exactly(out, pixels.count() * component_size(pixels.type()), "the pixel data");
-    }
+    if (pixels.compressed) decompress(bytes->path(), pixels, out);
+    else bytes->read(pixels.parts.front().offset, out, pixels.count() * component_size(pixels.type()), "the pixel data");
     padded->assign(pixels.has_padding ? pixels.count() : 0, false);
     if (pixels.has_padding) mark_padding(pixels, out, padded); /* padding may use bits above the stored ones */
     clean(pixels, out);

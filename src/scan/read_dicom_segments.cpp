@@ -307,12 +307,12 @@ private:
     /* Frames follow each other without a gap, also within a byte (PS3.5 8.1.1). */
     void read_bits(segment_painter *painter)
     {
-        byte_stream stream(path_, file_.pixels.offset, byte_stream::packing::none);
+        dicom_bytes stream(path_, file_.deflated_from);
         const size_t count = pixels_.count(), total = slice_.size() * count;
         std::vector<unsigned char> block(1 << 16);
         for (size_t bit = 0; bit < total;) {
             const size_t bytes = std::min(block.size(), (total - bit + 7) / 8);
-            stream.read_exactly(block.data(), bytes, "the pixel data");
+            stream.read(file_.pixels.offset + bit / 8, block.data(), bytes, "the pixel data");
             for (size_t n = 0; n < bytes; n++, bit += 8)
                 for (size_t b = 0; block[n] >> b; b++)
                     if (block[n] >> b & 1 && bit + b < total) {
@@ -327,10 +327,11 @@ private:
         const size_t count = pixels_.count(), size = component_size(pixels_.type());
         std::vector<unsigned char> image(count * size);
         std::vector<bool> padded;
+        dicom_bytes bytes(path_, file_.deflated_from);
         for (size_t frame = 0; frame < slice_.size(); frame++) {
             dicom_pixels pixels = pixels_;
             pixels.parts = parts_[frame];
-            read_dicom_pixels(path_, pixels, image.data(), &padded);
+            read_dicom_pixels(&bytes, pixels, image.data(), &padded);
             for (size_t n = 0; n < count; n++) {
                 uint16_t value = image[n];
                 if (size == 2) std::memcpy(&value, &image[2 * n], sizeof value);

@@ -143,6 +143,7 @@ struct byte_stream::inflater {
     z_stream stream = {};
     std::vector<unsigned char> input = std::vector<unsigned char>(1 << 16);
     bool ended = false; /* of the data, checksum seen */
+    bool is_raw = false;
     ~inflater() { inflateEnd(&stream); }
 };
 
@@ -153,7 +154,8 @@ byte_stream::byte_stream(const std::string &path, uint64_t offset, packing how) 
     if (how == packing::none) return;
     inflater_.reset(new inflater);
     const int gzip_or_zlib = 32;
-    if (inflateInit2(&inflater_->stream, MAX_WBITS + gzip_or_zlib) != Z_OK)
+    inflater_->is_raw = how == packing::raw_deflate;
+    if (inflateInit2(&inflater_->stream, inflater_->is_raw ? -MAX_WBITS : MAX_WBITS + gzip_or_zlib) != Z_OK)
         fail(PLIANT_ERROR_MEMORY, "%s: out of memory for decompression", path.c_str());
 }
 
@@ -182,7 +184,7 @@ size_t byte_stream::inflate_some(unsigned char *buffer, size_t wanted)
                 stream.next_in = inflater_->input.data();
                 stream.avail_in = static_cast<uInt>(file_.gcount());
             }
-            if (stream.avail_in > 0 && stream.next_in[0] == 0x1f) inflateReset(&stream);
+            if (!inflater_->is_raw && stream.avail_in > 0 && stream.next_in[0] == 0x1f) inflateReset(&stream);
             else inflater_->ended = true;
         } else if (result != Z_OK && result != Z_BUF_ERROR) {
             fail(PLIANT_ERROR_FORMAT, "%s: the compressed data are damaged (%s)", path_.c_str(), stream.msg ? stream.msg : "zlib");

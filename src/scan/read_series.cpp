@@ -428,13 +428,15 @@ public:
         std::vector<bool> of_slice;
         padding padding;
         size_t done = 0;
+        std::unique_ptr<dicom_bytes> bytes; /* of one file at a time, which may have many frames */
         for (const dicom_slice &slice : slices_) {
             const dicom_pixels &pixels = slice.pixels;
+            if (!bytes || bytes->path() != slice.path) bytes.reset(new dicom_bytes(slice.path, pixels.deflated_from));
             if (alike_) {
-                read_dicom_pixels(slice.path, pixels, to, &of_slice);
+                read_dicom_pixels(bytes.get(), pixels, to, &of_slice);
             } else {
                 stored.resize(pixels.count() * component_size(pixels.type()));
-                read_dicom_pixels(slice.path, pixels, stored.data(), &of_slice);
+                read_dicom_pixels(bytes.get(), pixels, stored.data(), &of_slice);
                 rescale_any(stored.data(), pixels, reinterpret_cast<double *>(to));
             }
             padding.add(of_slice, done, static_cast<size_t>(pixels.columns), slices_.size() * pixels.count());
