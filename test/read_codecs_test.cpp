@@ -9,13 +9,6 @@ namespace
 
 const int NUMBERS[12] = {7, 200, 3, 0, 255, 128, 127, 1, 90, 91, 92, 9};
 
-std::string from_hex(const std::string &digits)
-{
-    std::string bytes;
-    for (size_t n = 0; n < digits.size(); n += 2) bytes += char(std::stoi(digits.substr(n, 2), nullptr, 16));
-    return bytes;
-}
-
 const std::string JPEG_2000_HEAD =
     "ff4fff51002900000000000400000003000000000000000000000004000000030000000000000000000107";
 const std::string JPEG_2000_TAIL =

@@ -224,6 +224,24 @@ TEST(DicomSeg, FramesOfSegments)
     expect_words(pliant_last_error(), {"several DICOM segmentations", "more.dcm", "seg.dcm"});
 }
 
+/* Images of one bit, as highdicom stores them; encoded by OpenJPEG 2.5. */
+TEST(DicomSeg, BitsAsJpeg2000)
+{
+    temporary_folder folder;
+    dicom_seg_file file = two_segments();
+    file.syntax = "1.2.840.10008.1.2.4.90";
+    const std::string head = "ff4fff510029000000000005000000030000000000000000000000050000000300000000000000000001000101"
+                             "ff52000c00000001000004040001ff5c00044008ff90000a000000000";
+    for (const char *tail : {"0130001ff93d180091162ffd9", "0140001ff93d2000be1a1bfffd9", "0130001ff93d18008e82fffd9"}) {
+        file.images.push_back(from_hex(head + tail));
+        if (file.images.back().size() % 2) file.images.back() += '\0';
+    }
+    save(folder / "seg.dcm", file.bytes());
+    expect_two_segments(folder / "seg.dcm");
+    file.images[1][60] = '\0';
+    expect_no_labels(folder / "seg.dcm", file.bytes(), {"seg.dcm", "compressed pixels are damaged"});
+}
+
 TEST(DicomSeg, FractionsAndLabelMaps)
 {
     temporary_folder folder;
@@ -297,7 +315,7 @@ TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
     save(path, two_segments().bytes());
     expect_refused(path, PLIANT_ERROR_FORMAT, {path, "DICOM segmentation (SEG)", "material/labels"}); /* as a scan */
     for (const auto &one : std::map<std::string, const char *>{{"1.2.840.10008.1.2.5", "compressed pixels of 1 bit"}, {"1.2.840.10008.1.2.8.1", "frames that are deflated"}})
-        expect_no_labels(path, with([&](dicom_seg_file *f) { f->syntax = one.first, f->encapsulated = true; }), {path, one.second, "gdcmconv --raw", "pydicom"});
+        expect_no_labels(path, with([&](dicom_seg_file *f) { f->syntax = one.first, f->images = {"ab", "ab", "ab"}; }), {path, one.second, "gdcmconv --raw", "pydicom"});
 
     dicom_file contours;
     contours.object = "1.2.840.10008.5.1.4.1.1.481.3";

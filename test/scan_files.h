@@ -182,6 +182,13 @@ private:
     }
 };
 
+inline std::string from_hex(const std::string &digits)
+{
+    std::string bytes;
+    for (size_t n = 0; n < digits.size(); n += 2) bytes += char(std::stoi(digits.substr(n, 2), nullptr, 16));
+    return bytes;
+}
+
 /* Window bits as zlib takes them: with 16 added gzip, negative without a header. */
 inline std::string deflated(const std::string &bytes, int window_bits)
 {

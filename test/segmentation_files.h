@@ -75,7 +75,8 @@ struct dicom_seg_file {
     std::string uid = "1.2.840.10008.5.1.4.1.1.66.4", kind = "BINARY", spacing = "0.5\\0.5", between = "2", thickness = "2";
     std::string syntax = "1.2.840.10008.1.2.1";
     uint16_t bits = 1, rows = 3, columns = 5, maximum = 255;
-    bool marks = false, has_groups = true, encapsulated = false; /* encapsulated: pixels as a fragment */
+    bool marks = false, has_groups = true;
+    std::vector<std::string> images; /* compressed frames, of even lengths */
 
     static std::string words(std::initializer_list<uint32_t> values) { return bytes_of(std::vector<uint32_t>(values)); }
     static std::string element(uint32_t tag, const std::string &type, std::string value)
@@ -111,9 +112,12 @@ struct dicom_seg_file {
                     bit++;
                 }
             }
-        if (encapsulated)
-            return element(0x7fe00010, "OB", "").substr(0, 8) + words({0xffffffff}) + std::string("\xfe\xff\x00\xe0", 4) + words({0}) +
-                   std::string("\xfe\xff\x00\xe0", 4) + words({2}) + "ab" + std::string("\xfe\xff\xdd\xe0", 4) + words({0});
+        if (!images.empty()) {
+            const std::string start("\xfe\xff\x00\xe0", 4);
+            std::string fragments = start + words({0});
+            for (const std::string &image : images) fragments += start + words({uint32_t(image.size())}) + image;
+            return element(0x7fe00010, "OB", "").substr(0, 8) + words({0xffffffff}) + fragments + std::string("\xfe\xff\xdd\xe0", 4) + words({0});
+        }
         return element(0x7fe00010, bits == 16 ? "OW" : "OB", out.size() % 2 ? out + '\0' : out);
     }
     std::string bytes() const

@@ -248,12 +248,14 @@ private:
     dicom_pixels pixels_;
     std::vector<std::vector<dicom_file::part>> parts_;
 
+    bool is_jpeg_2000() const { return file_.compressed && file_.transfer_syntax.compare(0, 21, "1.2.840.10008.1.2.4.9") == 0; }
+
     void set_type()
     {
         const std::string type = file_.text(SEGMENTATION_TYPE);
         const int bits = file_.whole(BITS_ALLOCATED, 1);
         is_label_map_ = type == "LABELMAP";
-        is_bits_ = bits == 1;
+        is_bits_ = bits == 1 && !is_jpeg_2000(); /* which has a number for each voxel */
         const bool good = type == "BINARY" || type.empty() ? bits == 1 || bits == 8
                           : type == "FRACTIONAL"           ? bits == 8
                                                            : is_label_map_ && (bits == 8 || bits == 16);
@@ -285,8 +287,9 @@ private:
         pixels_.columns = file_.whole(COLUMNS, 0);
         pixels_.transfer_syntax = file_.transfer_syntax;
         pixels_.compressed = file_.compressed;
-        pixels_.bits_allocated = is_bits_ ? 8 : file_.whole(BITS_ALLOCATED, 8);
-        pixels_.bits_stored = is_bits_ ? 8 : file_.whole(BITS_STORED, pixels_.bits_allocated);
+        const int bits = file_.whole(BITS_ALLOCATED, 1);
+        pixels_.bits_allocated = bits == 1 ? 8 : bits;
+        pixels_.bits_stored = bits == 1 ? 8 : file_.whole(BITS_STORED, bits);
         if (pixels_.bits_stored < 1 || pixels_.bits_stored > pixels_.bits_allocated)
             fail(PLIANT_ERROR_FORMAT, "%s: %d bits stored in %d", path_.c_str(), pixels_.bits_stored, pixels_.bits_allocated);
         const std::string compression = file_.compressed ? refused_compression(file_.transfer_syntax) : "";
