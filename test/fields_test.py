@@ -129,7 +129,8 @@ class Fields(unittest.TestCase):
         scene.write_text(SCENE % (cut, element) + more)
         out = self.folder / name
         run = subprocess.run([DEFORM, str(scene), "--scan", str(self.folder / "phantom.nii.gz"), "--tools", str(self.folder / (cut + ".yaml")),
-                              "--steps", "20", "--out", str(out), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, universal_newlines=True)
+                              "--steps", "20", "--out", str(out), *arguments],
+                             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, universal_newlines=True)
         self.assertEqual(run.returncode, 0, run.stderr)
         self.log = run.stderr
         return out
@@ -169,12 +170,14 @@ class Fields(unittest.TestCase):
     def test_the_whole_way_from_a_slicer_segmentation(self):
         """Three layers name the materials, a tool pulls the liver, a blade cuts; ITK and meshio read what comes out."""
         scan = self.folder / "phantom.nii.gz"
-        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(scan), "--labels", str(self.folder / "labels.nii.gz")], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([PHANTOM, "--size", SIZE, "--out", str(scan), "--labels", str(self.folder / "labels.nii.gz")], check=True,
+                       stdout=subprocess.DEVNULL)
         labels = read(self.folder / "labels.nii.gz")[1]
         inner = np.zeros(labels.shape, bool)
         inner[4:-3, 3:-3, 2:-3] = True
         labels *= inner
-        layers = [[("Liver", np.isin(labels, (4, 5))), ("spleen", labels == 8)], [("TUMOUR", labels == 5), (" Vessel", np.isin(labels, (9, 10)))],
+        layers = [[("Liver", np.isin(labels, (4, 5))), ("spleen", labels == 8)],
+                  [("TUMOUR", labels == 5), (" Vessel", np.isin(labels, (9, 10)))],
                   [("bone", np.isin(labels, (11, 12, 13))), ("kidney", np.isin(labels, (6, 7)))]]
         write_segmentation(self.folder / "a.seg.nrrd", self.scan, layers)
         out = self.deform("way", "--labels", str(self.folder / "a.seg.nrrd"), "--displacement", "u.nii.gz", "--vtk",

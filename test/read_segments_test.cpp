@@ -314,8 +314,11 @@ TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
     expect_no_labels(path, with([](dicom_seg_file *f) { f->rows = 300; }), {path, "truncated"});
     save(path, two_segments().bytes());
     expect_refused(path, PLIANT_ERROR_FORMAT, {path, "DICOM segmentation (SEG)", "material/labels"}); /* as a scan */
-    for (const auto &one : std::map<std::string, const char *>{{"1.2.840.10008.1.2.5", "compressed pixels of 1 bit"}, {"1.2.840.10008.1.2.8.1", "frames that are deflated"}})
-        expect_no_labels(path, with([&](dicom_seg_file *f) { f->syntax = one.first, f->images = {"ab", "ab", "ab"}; }), {path, one.second, "gdcmconv --raw", "pydicom"});
+    for (const auto &one : std::map<std::string, const char *>{{"1.2.840.10008.1.2.5", "compressed pixels of 1 bit"},
+                                                               {"1.2.840.10008.1.2.8.1", "frames that are deflated"}}) {
+        const std::string bytes = with([&](dicom_seg_file *f) { f->syntax = one.first, f->images = {"ab", "ab", "ab"}; });
+        expect_no_labels(path, bytes, {path, one.second, "gdcmconv --raw", "pydicom"});
+    }
 
     dicom_file contours;
     contours.object = "1.2.840.10008.5.1.4.1.1.481.3";

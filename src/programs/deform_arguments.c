@@ -176,8 +176,8 @@ static bool check_fields(const deform_arguments *arguments)
     for (int n = 0; n < 2; n++) {
         const bool same = names[n] && names[1 - n] && strcmp(names[n], names[1 - n]) == 0;
         if (!same && !(names[n] && strcmp(names[n], "deformed.nii.gz") == 0)) continue;
-        fprintf(stderr, "%s %s: %s is written to that file; use another name\n", n ? "--tissue-displacement" : "--displacement", names[n],
-                same ? "the other field" : "the deformed volume");
+        fprintf(stderr, "%s %s: %s is written to that file; use another name\n",
+                n ? "--tissue-displacement" : "--displacement", names[n], same ? "the other field" : "the deformed volume");
         return false;
     }
     return true;

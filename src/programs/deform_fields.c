@@ -13,16 +13,17 @@
 
 enum { PATH_ROOM = 4096 };
 
-/* Put a number before the ending of a name. A name without a folder is in the run's folder; one with a folder gets the name of the
- * method, too, if several methods are compared. */
+/* Put a number before the ending of a name. A name without a folder is in the run's folder. A name with a folder gets the
+ * name of the method, too, if several methods are compared. */
 static void path_of(const deform_run *run, const char *name, const char *number, char path[PATH_ROOM])
 {
     const bool has_folder = strchr(name, '/'), is_one_of_many = has_folder && run->arguments->num_compared > 0;
     const char *dot = strrchr(name, '.');
     size_t stem = dot ? (size_t)(dot - name) : strlen(name);
     if (stem >= 4 && strcasecmp(name + stem - 4, ".nii.gz") == 0) stem -= 4;
-    snprintf(path, PATH_ROOM, "%s%s%.*s%s%s%s%s", has_folder ? "" : run->folder, has_folder ? "" : "/", (int)stem, name, is_one_of_many ? "_" : "",
-             is_one_of_many ? deform_method_name(run->scene.model.method) : "", number, name + stem);
+    const char *method = is_one_of_many ? deform_method_name(run->scene.model.method) : "";
+    snprintf(path, PATH_ROOM, "%s%s%.*s%s%s%s%s", has_folder ? "" : run->folder, has_folder ? "" : "/", (int)stem, name,
+             is_one_of_many ? "_" : "", method, number, name + stem);
 }
 
 static pliant_status write_displacement(const deform_run *run, const char *name, const char *number, pliant_displacement_sense sense)

@@ -81,7 +81,8 @@ double voxel_count(const pliant_geometry &geometry);
 /* Bytes of a file, decompressed where it is compressed. */
 class byte_stream {
 public:
-    enum class packing { none, deflate, raw_deflate }; /* deflate: gzip or zlib, told by the data; raw: without their header */
+    /* deflate: gzip or zlib, by the first bytes; raw_deflate: without a header */
+    enum class packing { none, deflate, raw_deflate };
     byte_stream(const std::string &path, uint64_t offset, packing how);
     ~byte_stream();
     byte_stream(const byte_stream &) = delete;

@@ -33,8 +33,8 @@ struct dicom_file {
     std::string text_of_frame(size_t frame, uint32_t tag) const;
 };
 
-/* The bytes of a DICOM file by their offset. A data set may be deflated (PS3.5 A.5); its offsets count inflated bytes. Reading
- * forward is fast, reading backward inflates from the start. */
+/* The bytes of a DICOM file by their offset. A data set may be deflated (PS3.5 A.5); its offsets count inflated bytes.
+ * Reading forward is fast, reading backward inflates from the start. */
 class dicom_bytes {
 public:
     /* deflated_from: where the deflated data set begins; 0: nothing is deflated */

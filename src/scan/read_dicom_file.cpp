@@ -168,14 +168,15 @@ private:
         return has_type(head) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
     }
 
-    /* The data set behind the file meta group is deflated. Find its length, and read its inflated bytes from here on. */
+    /* The data set behind the file meta group is deflated. Find its length, and read its inflated bytes from here. */
     void begin_deflated()
     {
         const uint64_t most = uint64_t(16) << 30;
         byte_stream stream(path_, at_, byte_stream::packing::raw_deflate);
         std::vector<char> block(1 << 18);
         uint64_t length = 0;
-        for (size_t got = block.size(); got == block.size() && length <= most; length += got) got = stream.read(block.data(), block.size());
+        for (size_t got = block.size(); got == block.size() && length <= most; length += got)
+            got = stream.read(block.data(), block.size());
         if (length > most) damaged("more than 16 GiB of deflated data");
         stream.finish();
         out_->deflated_from = at_;
@@ -326,7 +327,8 @@ void dicom_bytes::read(uint64_t offset, void *out, size_t count, const char *wha
 {
     if (!stream_ || offset < at_ || (deflated_from_ == 0 && offset != at_)) {
         at_ = deflated_from_ ? deflated_from_ : offset;
-        stream_.reset(new byte_stream(path_, at_, deflated_from_ ? byte_stream::packing::raw_deflate : byte_stream::packing::none));
+        const auto packing = deflated_from_ ? byte_stream::packing::raw_deflate : byte_stream::packing::none;
+        stream_.reset(new byte_stream(path_, at_, packing));
     }
     stream_->skip(offset - at_, what);
     stream_->read_exactly(out, count, what);

@@ -248,7 +248,10 @@ private:
     dicom_pixels pixels_;
     std::vector<std::vector<dicom_file::part>> parts_;
 
-    bool is_jpeg_2000() const { return file_.compressed && file_.transfer_syntax.compare(0, 21, "1.2.840.10008.1.2.4.9") == 0; }
+    bool is_jpeg_2000() const
+    {
+        return file_.compressed && file_.transfer_syntax.compare(0, 21, "1.2.840.10008.1.2.4.9") == 0;
+    }
 
     void set_type()
     {

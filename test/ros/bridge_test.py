@@ -31,8 +31,8 @@ except ImportError:
     idl = None
 
 SOURCE = pathlib.Path(os.path.realpath(__file__)).parent.parent.parent
-ROS1_TYPES = {"bool": "boolean", "int8": "int8", "uint8": "uint8", "int16": "int16", "uint16": "uint16", "int32": "int32", "uint32": "uint32",
-              "int64": "int64", "uint64": "uint64", "float32": "float", "float64": "double", "string": "string"}
+ROS2_TYPES = {"bool": "boolean", "float32": "float", "float64": "double", "string": "string"}
+ROS2_TYPES.update((sign + "int" + bits, sign + "int" + bits) for sign in ("", "u") for bits in ("8", "16", "32", "64"))
 CONVERT = """
 import pathlib, sys
 from rosidl_adapter.msg import convert_msg_to_idl
@@ -52,7 +52,7 @@ def ros2_type_of(ros1_field):
     """Type, and None, the size of an array, or "sequence", as ROS 2 has them for a field of ROS 1."""
     base, _, array = ros1_field.type.partition("[")
     package, _, kind = base.rpartition("/")
-    name = ROS1_TYPES.get(base) or "%s/%s" % ({"pliant": "pliant_msgs", "": "pliant_msgs"}.get(package, package), kind)
+    name = ROS2_TYPES.get(base) or "%s/%s" % ({"pliant": "pliant_msgs", "": "pliant_msgs"}.get(package, package), kind)
     return name, None if not array else int(array[:-1]) if array != "]" else "sequence"
 
 
@@ -71,16 +71,17 @@ class BridgeList(unittest.TestCase):
         rospy.wait_for_service("/tissue/reset", 60)
         rospy.wait_for_message("/tissue/timing", rospy.AnyMsg, 60)
         listed = yaml.safe_load((SOURCE / "launch/ros2_bridge.yaml").read_text())
-        # of what the node subscribes to, the master has types once somebody publishes
-        publishers = [rospy.Publisher(topic["topic"], roslib.message.get_message_class(ros1_name(topic["type"])), queue_size=1) for topic in listed["topics"]
-                      if topic["topic"].startswith("/tissue/grasper/measured_cp") or "/jaw/" in topic["topic"]]
+        # the node subscribes to any type: the master has the types of these topics once somebody publishes
+        publishers = [rospy.Publisher(topic["topic"], roslib.message.get_message_class(ros1_name(topic["type"])), queue_size=1)
+                      for topic in listed["topics"] if topic["topic"].endswith(("/measured_cp", "/measured_js"))]
         self.assertEqual(len(publishers), 2)
         end = time.time() + 20
         while min(publisher.get_num_connections() for publisher in publishers) == 0:
             self.assertLess(time.time(), end, "the node subscribes to poses and jaws")
             time.sleep(0.05)
         types = dict(rosgraph.Master("/bridge_test").getTopicTypes())
-        self.assertEqual({topic["topic"]: types.get(topic["topic"]) for topic in listed["topics"]}, {topic["topic"]: ros1_name(topic["type"]) for topic in listed["topics"]})
+        self.assertEqual({topic["topic"]: types.get(topic["topic"]) for topic in listed["topics"]},
+                         {topic["topic"]: ros1_name(topic["type"]) for topic in listed["topics"]})
         self.assertEqual({service["service"]: rosservice.get_service_type(service["service"]) for service in listed["services_1_to_2"]},
                          {service["service"]: ros1_name(service["type"]) for service in listed["services_1_to_2"]})
         for kind, entries in (("msg", listed["topics"]), ("srv", listed["services_1_to_2"])):
@@ -91,7 +92,8 @@ class Ros2Package(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.room = tempfile.TemporaryDirectory()
-        cls.said = subprocess.run([str(SOURCE / "launch/ros2_messages"), cls.room.name], check=True, stdout=subprocess.PIPE, universal_newlines=True).stdout
+        done = subprocess.run([str(SOURCE / "launch/ros2_messages"), cls.room.name], check=True, stdout=subprocess.PIPE, universal_newlines=True)
+        cls.printed = done.stdout
         cls.package = pathlib.Path(cls.room.name) / "pliant_msgs"
 
     @classmethod
@@ -99,7 +101,7 @@ class Ros2Package(unittest.TestCase):
         cls.room.cleanup()
 
     def names(self, kind):
-        return sorted(path.stem for path in (SOURCE / kind).glob("*." + kind)), sorted(path.stem for path in (self.package / kind).glob("*." + kind))
+        return [sorted(path.stem for path in (package / kind).glob("*." + kind)) for package in (SOURCE, self.package)]
 
     def test_the_rule_maps_the_package(self):
         manifest = xml.etree.ElementTree.parse(self.package / "package.xml").getroot()
@@ -109,7 +111,8 @@ class Ros2Package(unittest.TestCase):
         rules = manifest.find("export/ros1_bridge").get("mapping_rules")
         self.assertIn("FILES %s DESTINATION" % rules, (self.package / "CMakeLists.txt").read_text())
         # two keys alone: ros1_bridge then pairs all messages and services by name
-        self.assertEqual(yaml.safe_load((self.package / rules).read_text()), [{"ros1_package_name": "pliant", "ros2_package_name": "pliant_msgs"}])
+        self.assertEqual(yaml.safe_load((self.package / rules).read_text()),
+                         [{"ros1_package_name": "pliant", "ros2_package_name": "pliant_msgs"}])
         text = "".join(path.read_text() for path in self.package.glob("*/*.[ms]*"))
         used = set(re.findall(r"^(\w+)/\w+[\[\] ]", text, re.MULTILINE))
         self.assertEqual(used, {entry.text for entry in manifest.findall("depend")})
@@ -118,10 +121,11 @@ class Ros2Package(unittest.TestCase):
     def test_every_message_has_the_fields_and_constants_of_ros_1(self):
         ros1, ros2 = self.names("msg")
         self.assertEqual(ros1, ros2)
-        # in a process of its own: the converter replaces sys.stdout
+        # in another process, because the converter replaces sys.stdout
         subprocess.run([sys.executable, "-c", CONVERT, str(self.package)] + ros1, check=True, stdout=subprocess.DEVNULL)
         for name in ros1:
-            spec = genmsg.msg_loader.load_msg_from_file(genmsg.MsgContext.create_default(), str(SOURCE / "msg" / (name + ".msg")), "pliant/" + name)
+            path, context = str(SOURCE / "msg" / (name + ".msg")), genmsg.MsgContext.create_default()
+            spec = genmsg.msg_loader.load_msg_from_file(context, path, "pliant/" + name)
             tree = rosidl_parser.parser.parse_idl_file(idl.IdlLocator(self.package.parent, pathlib.Path("pliant_msgs/msg/%s.idl" % name)))
             message, = tree.content.get_elements_of_type(idl.Message)
             self.assertEqual([(member.name,) + idl_type_of(member.type) for member in message.structure.members],
@@ -134,15 +138,17 @@ class Ros2Package(unittest.TestCase):
         ros1, ros2 = self.names("srv")
         left_out = []
         for name in ros1:
-            spec = genmsg.msg_loader.load_srv_from_file(genmsg.MsgContext.create_default(), str(SOURCE / "srv" / (name + ".srv")), "pliant/" + name)
+            path, context = str(SOURCE / "srv" / (name + ".srv")), genmsg.MsgContext.create_default()
+            spec = genmsg.msg_loader.load_srv_from_file(context, path, "pliant/" + name)
             fields = [part.fields() for part in (spec.request, spec.response)]
             if any(re.search(r"\[\d", kind) for part in fields for kind, _ in part):
                 left_out.append(name)
                 continue
             read = rosidl_adapter.parser.parse_service_file("pliant_msgs", str(self.package / "srv" / (name + ".srv")))
-            self.assertEqual([[(str(field.type), field.name) for field in part.fields] for part in (read.request, read.response)], fields, name)
+            self.assertEqual([[(str(field.type), field.name) for field in part.fields] for part in (read.request, read.response)],
+                             fields, name)
         self.assertEqual(sorted(ros2 + left_out), ros1)
-        self.assertEqual(re.findall(r"^(\w+) is left out", self.said, re.MULTILINE), left_out)
+        self.assertEqual(re.findall(r"^(\w+) is left out", self.printed, re.MULTILINE), left_out)
 
 
 if __name__ == "__main__":

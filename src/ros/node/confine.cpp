@@ -123,7 +123,8 @@ std::vector<std::string> files_of(const pliant_scene &scene)
     };
     const pliant_open_check before = pliant_set_open_check(pliant_open_check{note, &files});
     pliant_tool_shape shape{};
-    if (scene.contact.obstacles[0] && pliant_tool_shape_read(scene.contact.obstacles, &shape) == PLIANT_OK) pliant_tool_shape_free(&shape);
+    const char *const obstacles = scene.contact.obstacles;
+    if (obstacles[0] && pliant_tool_shape_read(obstacles, &shape) == PLIANT_OK) pliant_tool_shape_free(&shape);
     pliant_set_open_check(before);
     return files;
 }
@@ -139,8 +140,10 @@ ConfinedReads::~ConfinedReads() { pliant_set_open_check(before_); }
 
 const char *ConfinedReads::ask(const char *path) const
 {
-    const bool allowed = (!root_.empty() && is_inside(root_, path)) || std::find(also_.begin(), also_.end(), path) != also_.end();
-    return allowed ? nullptr : "it is outside the folder from which callers may name files; move it there, or start the node with another ~scan_root";
+    if (!root_.empty() && is_inside(root_, path)) return nullptr;
+    if (std::find(also_.begin(), also_.end(), path) != also_.end()) return nullptr;
+    return "it is outside the folder from which callers may name files; move it there, or start the node with another "
+           "~scan_root";
 }
 
 } // namespace pliant_ros

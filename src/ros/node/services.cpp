@@ -224,8 +224,8 @@ bool Services::load_scan(LoadScan::Request &request, LoadScan::Response &respons
             if (sign == std::string::npos)
                 throw Failure(PLIANT_ERROR_ARGUMENT, option + ": options are group/name=value");
             std::string name = option.substr(0, sign), value = option.substr(sign + 1);
-            /* these name files, too */
-            if (name == "material/file" || name == "material/labels" || name == "mesh/file" || name == "contact/obstacles") value = value.empty() ? "" : allowed(value);
+            for (const char *of_file : {"material/file", "material/labels", "mesh/file", "contact/obstacles"})
+                if (name == of_file && !value.empty()) value = allowed(value);
             if (name == "material/file") pliant_material_table_free(&materials.table);
             check(pliant_scene_set(&scene, name.c_str(), value.c_str()));
         }
