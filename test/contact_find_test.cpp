@@ -1,4 +1,4 @@
-// Where parts that move touch the surface of the tissue: nothing passes, points are the same for everybody, and stand for the area in touch.
+// Where parts that move touch the surface of the tissue: points hold the tissue before a part, and stand for the area in touch.
 #include "contact/detect/find.h"
 #include "pipeline/body.h"
 #include "pliant/memory.h"
@@ -17,44 +17,33 @@ struct Found {
     ~Found() { pliant_free(contacts.point); }
 };
 
-// A part that goes from pose to pose, in steps of half its depth.
+// A part that goes from one pose to another.
 struct Moving {
     pliant_part part;
-    std::vector<pliant_pose> poses;
+    pliant_tool_shape shape{};
     pliant_moving_part moving{};
 
-    Moving(const pliant_part &what, const double from[3], const double to[3], const double rotation_from[4] = nullptr, const double rotation_to[4] = nullptr) : part(what)
+    Moving(const pliant_part &what, const double from[3], const double to[3], const double rotation[4] = nullptr) : part(what)
     {
         const double identity[4] = {0, 0, 0, 1};
-        if (!rotation_from) rotation_from = rotation_to = identity;
         double way = 0;
-        const double origin[3] = {0, 0, 0};
-        for (int d = 0; d < 3; d++) way += std::pow(to[d] - from[d], 2);
-        way = std::sqrt(way);
-        for (int d = 0; d < 4; d++) way += 2 * std::fabs(rotation_to[d] - rotation_from[d]) * pliant_part_reach(&part, origin);
-        const int steps = std::max(1, static_cast<int>(std::ceil(way / (0.5 * pliant_part_depth(&part)))));
-        pliant_tool_shape shape{};
-        for (int n = 0; n <= (way > 0 ? steps : 0); n++) {
-            const double share = way > 0 ? static_cast<double>(n) / steps : 1;
-            double tip[3], rotation[4];
-            for (int d = 0; d < 3; d++) tip[d] = from[d] + share * (to[d] - from[d]);
-            for (int d = 0; d < 4; d++) rotation[d] = rotation_from[d] + share * (rotation_to[d] - rotation_from[d]);
-            pliant_pose pose;
-            pliant_part_pose(&shape, PLIANT_FRAME_TIP, tip, rotation, 0, &pose);
-            poses.push_back(pose);
+        for (pliant_tool_pose *pose : {&moving.from, &moving.to}) {
+            std::copy_n(pose == &moving.from ? from : to, 3, pose->tip);
+            std::copy_n(rotation ? rotation : identity, 4, pose->rotation);
+            pliant_part_pose(&shape, PLIANT_FRAME_TIP, pose->tip, pose->rotation, 0, pose == &moving.from ? &moving.begin : &moving.end);
         }
+        for (int d = 0; d < 3; d++) way += std::pow(to[d] - from[d], 2);
+        moving.way = std::sqrt(way);
         moving.kind = PLIANT_OBSTACLE_TOOL;
         moving.friction = 0.2;
-        moving.num_poses = static_cast<int32_t>(poses.size());
-        moving.stride = way / steps;
-        moving.margin = 1e-3 + way;
+        moving.guard = pliant_advance_guard(&part, 0.005);
+        moving.margin = 1e-3;
         moving.recovery = 2e-3;
-        moving.remembers = true;
     }
     const pliant_moving_part *get()
     {
         moving.part = &part;
-        moving.pose = poses.data();
+        moving.shape = &shape;
         return &moving;
     }
 };
@@ -72,7 +61,7 @@ struct Sheet : Body {
     pliant_status find(const pliant_moving_part *part, Found &found, int count = 1)
     {
         found.contacts.count = 0;
-        return pliant_contact_find(finder, data->body, data->positions, count, part, &found.contacts);
+        return pliant_contact_find(finder, data->body, data->positions, nullptr, false, count, part, &found.contacts);
     }
     pliant_finder *finder = nullptr;
 
@@ -145,8 +134,7 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
         // the rod stands away from the sheet, at up to 60 degrees
         const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
         const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
-        Moving moving(part, from, to, rotation, rotation);
-        pliant_finder_forget(sheet.finder);
+        Moving moving(part, from, to, rotation);
         ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
         check(sheet, found.contacts);
         double deepest = 0;
@@ -186,9 +174,8 @@ TEST(Find, NoSolidPassesUndetected)
                 const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005), -random(0, 0.01)};
                 const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * tilt;
                 const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
-                Moving moving(part, from, to, rotation, rotation);
-                pliant_finder_forget(sheet.finder);
-                ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
+                Moving moving(part, from, to, rotation);
+                        ASSERT_EQ(sheet.find(moving.get(), found), PLIANT_OK);
                 check(sheet, found.contacts);
                 double deepest = 0;
                 for (int32_t p = 0; p < found.contacts.count; p++)

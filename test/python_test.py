@@ -247,7 +247,8 @@ class Python(unittest.TestCase):
         self.assertTrue((told.tools == told.tools[0]).all() and (told.parts == 0).all() and not told.tissue.any())
         np.testing.assert_allclose(np.linalg.norm(told.normals, axis=1), 1, atol=1e-12)
         self.assertTrue((told.areas > 0).all() and (told.normals[:, 1] > 0).all() and (np.abs(told.depths) < 1e-4).all())
-        self.assertEqual((len(told), max(told.depths.max(), 0)), (sim.statistics["contacts"], sim.statistics["penetration"]))
+        self.assertEqual(len(told), sim.statistics["contacts"])
+        self.assertAlmostEqual(max(told.depths.max(), 0), sim.statistics["penetration"], delta=1e-9)
         self.assertGreater(probe.force[1], 0.05)  # into the tissue
         np.testing.assert_allclose(probe.force, told.forces.sum(axis=0), rtol=1e-12, atol=1e-15)
         torque = np.cross(told.points - probe.state["tip"], told.forces).sum(axis=0)

@@ -53,7 +53,29 @@ typedef struct pliant_tool_state {
     double severed_area;   /**< by it since load, at rest [m^2] */
     uint64_t stroke;       /**< how many times it has begun to cut */
     int32_t pieces;        /**< of the tissue after its last cut; 0: it has cut nothing yet */
+    double jaw;            /**< measured angle of its jaws [rad] */
+    bool has_proxy;        /**< it has a shape, and is in the scene: what follows is of its proxy, the simulated tool. Without a shape it is where it is measured */
+    double proxy_tip[3];   /**< LPS [m] */
+    double proxy_rotation[4]; /**< quaternion x y z w */
+    double proxy_jaw;      /**< [rad] */
+    double proxy_error[3]; /**< measured tip minus proxy's tip [m] */
+    double jaw_error;      /**< measured angle minus the proxy's [rad] */
+    bool saturated;        /**< its coupling pulls with contact/max_force, or its jaws with contact/grip_torque */
+    double advanced;       /**< fraction of the last leg that was possible */
 } pliant_tool_state;
+
+/** Why a step ended. */
+#define PLIANT_STEP_END_LIST(X)                                                            \
+    X(NONE, "everything is where it should be")                                            \
+    X(BUDGET, "its evaluations (solver/iterations) were used up")                          \
+    X(TIME, "its time (solver/budget_ms) was used up")                                     \
+    X(BLOCKED, "tissue or what stands still is in the way of a tool")                      \
+    X(FORCE_LIMIT, "a tool presses with contact/max_force, or its jaws with contact/grip_torque")
+#define PLIANT_STEP_END_VALUE(name, text) PLIANT_STEP_END_##name,
+typedef enum pliant_step_end { PLIANT_STEP_END_LIST(PLIANT_STEP_END_VALUE) PLIANT_NUM_STEP_ENDS } pliant_step_end;
+#undef PLIANT_STEP_END_VALUE
+/** "" for other numbers. */
+PLIANT_API const char *pliant_step_end_text(int32_t end);
 
 typedef struct pliant_statistics {
     uint64_t step;              /**< steps done */
@@ -66,6 +88,10 @@ typedef struct pliant_statistics {
                                  *   0: not known (dynamic relaxation) */
     double error_before;        /**< [m] the same of the step before, as this one has it; 0: not known, or the first step */
     double residual_force;      /**< largest nodal residual force [N] */
+    int32_t legs;               /**< straight motions of tissue and tools in the last step; 1 where nothing was in the way */
+    double advanced;            /**< fraction of the last leg that was possible; 1: all of it */
+    double proxy_error;         /**< [m] largest distance between a tool with a shape and its proxy after the last step */
+    int32_t ended;              /**< pliant_step_end: why the last step ended before tools were where they are measured */
     int32_t contacts;           /**< points at which tissue is pressed, last step */
     double penetration;         /**< [m] how deep the deepest of them lies in what it touches */
     int32_t falling;            /**< pieces that have come off and move */

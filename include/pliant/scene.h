@@ -168,6 +168,12 @@ typedef enum pliant_response { PLIANT_RESPONSE_LIST(PLIANT_CHOICE_ENUM) } pliant
 #define PLIANT_SCENE_CONTACT(X)                                                                                        \
     X(REAL, friction, 0.08, 0.0, 100.0, "", "Coulomb's coefficient between tissue and instruments or obstacles, and between tissue and tissue; measured 0.03 to 0.08, peritoneum on smooth glass in saline (Loring et al., J. Biomech. 38:2390, 2005); toothed jaws hold more") \
     X(BOOL, self, false, 0, 1, "", "tissue touches tissue: what folds, pieces, the sides of a cut; with material/slides always") \
+    X(REAL, coupling_stiffness, 1e6, 1.0, 1e12, "N/m", "spring of the virtual coupling (Colgate et al. 1995) that pulls a simulated tool, its proxy, towards the measured pose; tools with a shape alone") \
+    X(REAL, coupling_stiffness_rotational, 1e3, 1e-3, 1e9, "N m/rad", "the same of rotations, and of the angle of jaws") \
+    X(REAL, max_force, 20.0, 1e-3, 1e9, "N", "largest force of a coupling: at more the proxy stays behind the measured tool") \
+    X(REAL, grip_torque, 0.1, 1e-6, 1e6, "N m", "largest torque about the joint that closes or opens jaws; 0.1: about 5 N at 20 mm") \
+    X(REAL, max_proxy_error, 0.05, 1e-4, 10.0, "m", "distance between a proxy and its measured tool above which the proxy is placed there, if no tissue is in the way") \
+    X(REAL, guard_depth, 2e-3, 1e-6, 0.01, "m", "how deep tissue may enter a part's surface before its core, which it never enters; at most 0.4 of the part's depth and 0.3 of the smallest cell") \
     X(STRING, obstacles, "", 0, 0, "", "YAML file of what stands still, relative to the scene file: parts as a tool's shape has them, solids from STL files among them, in LPS")       \
     X(RESPONSE, response, PLIANT_RESPONSE_PUSH, 0, 0, "", "of tissue that overlaps tissue: push: out, the shortest way; paper (tled): nodes of tetrahedra that overlap are slowed down ([C] 5.2), which does nothing at rest") \
     X(REAL, punishment, 0.5, 0.0, 1.0, "", "of paper, which names no size: the part of such a node's way in a sub-step that its force takes away") \

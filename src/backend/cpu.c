@@ -24,7 +24,7 @@ pliant_status pliant_push(pliant_data *data)
     pliant_contacts *points;
     pliant_status status = pliant_patch_divide(data, &points);
     if (status != PLIANT_OK) return status;
-    return pliant_solver_touch(data->solver, points, data->falling ? pliant_falling_touch_pieces(data->falling) : NULL, data->positions);
+    return pliant_solver_touch(data->solver, points, data->bodies, data->positions);
 }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)

@@ -35,7 +35,7 @@ typedef struct pliant_contact_point {
     double drift[3];        /* how far p moved in the step, as a point of the obstacle [m] */
     double area;            /* of the surface that it stands for, at rest [m^2] */
     double friction;        /* Coulomb's mu */
-    double firm;            /* of a piece that has come off: it gives way there 1 / (1 + firm) times as much as by itself; for the solves of one step */
+    int32_t jaw;            /* of a tool: 1 or -1 on what turns with half of its jaws' angle, or with minus half; 0: neither */
     /* OUTPUT, by who solves; kept from step to step for the same feature */
     double force[3];        /* on the tissue at the weights' point [N] */
     double anchor[3];       /* where it sticks on the obstacle, less p [m] */

@@ -36,7 +36,7 @@ pliant_status timing_start(const char *folder, step_times *out)
     }
     fputs("step,status,iterations,residual,residual_force_n", times.steps);
     for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; ++stage) fprintf(times.steps, ",%s_s", pliant_step_stage_name(stage));
-    fputs(",cull_s,rasterize_s,step_s,inverted\n", times.steps);
+    fputs(",cull_s,rasterize_s,step_s,inverted,legs,advanced,proxy_error_m,ended\n", times.steps);
     fputs("step,tool,force_x_n,force_y_n,force_z_n,held_x_m,held_y_m,held_z_m,contact_x_n,contact_y_n,contact_z_n,contact_torque_x_nm,contact_torque_y_nm,contact_torque_z_nm\n", times.tools);
     *out = times;
     return PLIANT_OK;
@@ -73,7 +73,7 @@ pliant_status timing_add(step_times *times, const pliant_data *data, pliant_stat
     fprintf(times->steps, "%zu,%d,%d,%.6g,%.6g", times->num_steps, (int)status, (int)statistics->iterations,
             statistics->residual, statistics->residual_force);
     for (int column = 0; column < COLUMNS; ++column) fprintf(times->steps, ",%.6g", row[column]);
-    fprintf(times->steps, ",%d\n", (int)inverted);
+    fprintf(times->steps, ",%d,%d,%g,%g,%d\n", (int)inverted, (int)statistics->legs, statistics->advanced, statistics->proxy_error, (int)statistics->ended);
     for (int n = 0; n < pliant_data_get_num_tools(data); ++n) {
         pliant_tool_state tool;
         if (pliant_tool_get(data, n, &tool) < 0) continue;

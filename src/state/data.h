@@ -72,7 +72,14 @@ typedef struct pliant_tool {
     /* SHAPE, written by pliant_tool_set_shape, _set_jaw */
     pliant_tool_shape shape;
     double jaw;            /* angle [rad] */
-    struct { bool known; double tip[3], rotation[4], jaw; } last; /* where it was as the last step ended */
+    /* PROXY: the simulated tool, which is where the measured one is unless tissue is in the way (sim/step/proxy.h). Of a tool without a shape: where it was as the last step ended */
+    struct {
+        bool known;
+        bool released;         /* it was placed inside tissue, and touches nothing until it is out of there */
+        double tip[3], rotation[4], jaw;
+        double pulls[3];       /* force and torque of its coupling, and torque of its jaws, as the last leg was solved, however far it went [N, N m] */
+        bool saturated;        /* its coupling pulls with all that it may (contact/max_force, contact/grip_torque) */
+    } proxy;
     /* OUTPUT of the last step */
     double held_point[3];  /* where the held point is [m] */
     double force[3];       /* of the tool on the tissue [N] */
@@ -99,6 +106,7 @@ typedef struct pliant_contact_search pliant_contact_search; /* room, and sides o
 
 typedef struct pliant_rollback pliant_rollback; /* state at the begin of a step (src/sim/step/rollback.c) */
 typedef struct pliant_clearance pliant_clearance; /* the surface that contact uses, for distances to it (src/tool/clearance.c) */
+typedef struct pliant_legs pliant_legs; /* where the leg at hand began, what couplings of proxies answer in it (src/sim/step) */
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
 typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
@@ -133,9 +141,9 @@ struct pliant_data {
     /* CONTACT, SOLVE */
     pliant_contact_search *contact_search; /* Nullable: there was nothing to touch yet */
     pliant_contacts contacts; /* of this step: points by who finds them, forces by who solves */
-    int32_t parts;            /* that this step is taken in, or as many as would be like this one; each has its points (sim/step/substeps.h, sim/step/frame_parts.h) */
-    struct pliant_step_begin *step_begin; /* Nullable: what the last step began with in which a tool went far (sim/step/substeps.c) */
-    struct pliant_frame_begin *frame_begin; /* Nullable: what the last frame of explicit dynamics began with that was run in parts (sim/step/frame_parts.c) */
+    double share;             /* of the step's time that the leg at hand takes (sim/step/legs.h) */
+    const struct pliant_touch_pieces *bodies; /* Nullable: rigid bodies that points of the leg at hand are of */
+    pliant_legs *legs;        /* Nullable: what a leg begins with, and room */
     /* SOLVE */
     pliant_solver *solver;    /* NULL: solver/kind tled */
     pliant_tled *tled;        /* Nullable: solver/kind tled */

@@ -153,9 +153,8 @@ static double signed_distance(const pliant_clearance *clearance, const double p[
     return winding > 0 ? -sqrt(nearest) : sqrt(nearest);
 }
 
-double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool)
+double pliant_clearance_of(const pliant_model *model, const pliant_data *data, const double p[3])
 {
-    if (tool < 0 || tool >= data->num_tools || !data->tools[tool].present) return INFINITY;
     pliant_clearance *clearance = data->clearance;
     pliant_account *before = pliant_account_use(data->account);
     const pliant_status status = set_body(model, data);
@@ -165,5 +164,11 @@ double pliant_tool_clearance(const pliant_model *model, const pliant_data *data,
     for (int32_t c = 0; c < clearance->num_corners; c++)
         if (moves) pliant_outside_corner(&clearance->outside, clearance->corner[c], data->positions, clearance->place + 3 * (size_t)c);
         else memcpy(clearance->place + 3 * (size_t)c, data->positions + 3 * (size_t)clearance->corner[c], 3 * sizeof *data->positions);
-    return signed_distance(clearance, data->tools[tool].tip);
+    return signed_distance(clearance, p);
+}
+
+double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool)
+{
+    if (tool < 0 || tool >= data->num_tools || !data->tools[tool].present) return INFINITY;
+    return pliant_clearance_of(model, data, data->tools[tool].tip);
 }

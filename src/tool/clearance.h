@@ -11,6 +11,8 @@ extern "C" {
 /* One for a simulation, empty until the first distance is asked for. NULL: no memory */
 pliant_clearance *pliant_clearance_create(void);
 void pliant_clearance_free(pliant_clearance *clearance); /* Nullable */
+/* Of a point [m]; below 0 inside, NAN without memory. */
+double pliant_clearance_of(const pliant_model *model, const pliant_data *data, const double p[3]);
 
 #ifdef __cplusplus
 }

@@ -2,6 +2,7 @@
 #include "pliant/memory.h"
 #include "sheet.h"
 #include "sim/step/contact.h"
+#include "sim/step/legs.h"
 #include "solids.h"
 
 #include <fstream>
@@ -152,7 +153,7 @@ TEST(ContactStage, EightToolsTouchAlikeForEveryNumberOfThreads)
             sheet.move(tool, x, y, 0.003, down);
             ASSERT_EQ(pliant_tool_set_jaw(sheet.data, tool, 0.6), PLIANT_OK);
         }
-        ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+        ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
         const pliant_contacts &contacts = sheet.data->contacts;
         if (first.empty()) {
             first.assign(contacts.point, contacts.point + contacts.count);
@@ -176,15 +177,15 @@ TEST(ContactStage, WhatAToolHoldsItDoesNotPush)
 {
     Sheet sheet;
     const int tool = sheet.add("ball", ball(0.004), 0.03, 0.03, 0.005);
-    ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     EXPECT_GT(sheet.data->contacts.count, 0);
     sheet.data->tools[tool].radius = 0.02;
     const double middle[3] = {0.03, 0.03, 0.002};
     ASSERT_EQ(pliant_tool_grasp(sheet.model, sheet.data, tool, middle), PLIANT_OK);
-    ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     EXPECT_EQ(sheet.data->contacts.count, 0);
     pliant_tool_release(sheet.data, tool);
-    ASSERT_EQ(pliant_contact_stage(sheet.model, sheet.data), PLIANT_OK);
+    ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     EXPECT_GT(sheet.data->contacts.count, 0);
 }
 
@@ -219,7 +220,6 @@ TEST(ContactStage, TissueRestsOnObstacles)
             EXPECT_EQ(sheet.data->contacts.point[n].tool, -1);
             force += sheet.data->contacts.point[n].force[2];
         }
-        EXPECT_EQ(sheet.data->step_begin == nullptr, plane); // nothing gets by a plane: where nodes were is not kept for that
         EXPECT_GT(lowest, -0.00105) << plane;
         EXPECT_LT(lowest, -0.0009);
         EXPECT_GT(force, 0.02); // of a weight of 0.14 N; the sides carry the rest
@@ -309,7 +309,7 @@ TEST(ContactStage, FailingAllocationsChangeNothing)
         const std::vector<double> before(sheet.data->positions, sheet.data->positions + 3 * sheet.model->body->fine.num_nodes);
         const int32_t count = sheet.data->contacts.count;
         pliant_memory_fail_after(calls);
-        const pliant_status status = pliant_contact_stage(sheet.model, sheet.data);
+        const pliant_status status = pliant_legs_find(sheet.model, sheet.data);
         pliant_memory_fail_after(-1);
         if (status == PLIANT_OK) break;
         ASSERT_EQ(status, PLIANT_ERROR_MEMORY);
@@ -349,7 +349,7 @@ TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
     const double tip[3] = {0.034, 0.03, 0.0};
     for (pliant_data *data : {sheet.data, copy}) {
         ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
-        ASSERT_EQ(pliant_contact_stage(sheet.model, data), PLIANT_OK);
+        ASSERT_EQ(pliant_legs_find(sheet.model, data), PLIANT_OK);
     }
     ASSERT_EQ(copy->contacts.count, sheet.data->contacts.count);
     for (int32_t n = 0; n < copy->contacts.count; n++) {
@@ -399,7 +399,7 @@ TEST(ContactStage, StiffnessOfAToolThatPresses)
         ASSERT_FALSE(linear.by_secants);
         sheet.move(tool, 0.03, 0.03, 0.01); // not yet: the wrench is of where it was in the step
         ASSERT_EQ(pliant_tool_linearize(sheet.data, tool, &linear), PLIANT_OK);
-        EXPECT_EQ(linear.tip[2], 0.006 - 0.0001 * 35);
+        EXPECT_NEAR(linear.tip[2], 0.006 - 0.0001 * 35, 1e-6); // of the proxy
         ASSERT_LT(linear.wrench[2], -0.005);
         double measured[6];
         for (int axis = is_ball ? 0 : 2; axis < (is_ball ? 3 : 4); axis++) {

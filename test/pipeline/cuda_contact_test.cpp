@@ -4,6 +4,7 @@
 #include "fem/rigid/pieces.h"
 #include "contact/solve/cone_rules.h"
 #include "sim/step/contact.h"
+#include "sim/step/legs.h"
 
 #include <cstdio>
 #include <random>
@@ -33,12 +34,12 @@ TEST(CudaContact, MeetsTheCpu)
                 body->move(s);
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             }
-            ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
+            for (auto *body : {&again, &gpu, &cpu}) ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
             take_over_places(cpu.data, again.model, again.data);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
-            pliant_contact_end(cpu.data);
+            for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
             if (!settles || !there_too || !settles_again) continue; // what opens and closes in turns
@@ -111,8 +112,7 @@ TEST(CudaContact, LetsGoAndTheCpuGoesOn)
     }
 }
 
-// A rod of 1 mm at 1 m/s, 20 mm a step, carries a sheet of 4 mm along: the step in which the sheet slides by it is solved again, and what stands for the inverse
-// of its stiffness is made anew on the way, since that at rest leads nowhere. Of a V-cycle with elements half as wide.
+// A rod of 1 mm at 1 m/s, 20 mm a step, carries a sheet of 4 mm along, with no more evaluations in a step than were asked for. Of a V-cycle with elements half as wide.
 TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
 {
     NEEDS_GPU();
@@ -121,7 +121,6 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
     for (const Run &run : {Run{PLIANT_CPU, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}}, Run{PLIANT_CUDA, PLIANT_DIRECT, 1, {0.0275, 0.0297, 0.0319}},
                            Run{PLIANT_CUDA, PLIANT_MULTIGRID, 2, {0.0275}}}) {
         int most = 0;
-        uint64_t made = 0;
         for (const double x : run.at) {
             SCOPED_TRACE(x);
             Sheet sheet(run.backend, run.preconditioner, run.finer, iterations);
@@ -130,14 +129,12 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
                 ASSERT_GE(sheet.step(s, x), 0) << pliant_last_error();
                 most = std::max(most, static_cast<int>(sheet.data->statistics.iterations));
             }
-            made += sheet.data->statistics.factors;
             const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
             std::printf("%s, at %g: carried by %.2f mm, up to %d evaluations in a step\n", pliant_data_get_backend(sheet.data), x, 1e3 * carried, most);
             EXPECT_STREQ(pliant_data_get_backend(sheet.data), run.backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
             EXPECT_GT(carried, 0.024);
         }
-        EXPECT_GT(most, iterations + 4); // solved again
-        EXPECT_GT(made, 0u);
+        EXPECT_LE(most, iterations);
     }
 }
 
@@ -166,9 +163,8 @@ TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
         }
 }
 
-// A step with a budget takes a new factor where that would be there in time: by operations on the CPU, on a GPU by how long the last one took. By a clock that
-// stands still, so that nothing else of it ends.
-TEST(CudaContact, ABudgetLeavesTimeForANewFactorOrNone)
+// A sweep carries the sheet along with whatever budget there is: what a step does not get to is left to the next one. By a clock that stands still, so that no budget ends.
+TEST(CudaContact, ASweepIsCarriedAlongWithAnyBudget)
 {
     for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
         if (backend == PLIANT_CUDA && !there_is_a_gpu()) continue;
@@ -181,33 +177,12 @@ TEST(CudaContact, ABudgetLeavesTimeForANewFactorOrNone)
             sheet.data->solver->clock = [](void *) { return 0.0; };
             for (int s = 0; s < 6; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
             EXPECT_STREQ(pliant_data_get_backend(sheet.data), backend == PLIANT_CPU ? "cpu" : "cuda") << pliant_last_error();
-            EXPECT_EQ(sheet.data->statistics.factors > 0, enough);
             carried[enough] = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
         }
-        std::printf("%s: carried by %.2f mm with the factor of rest, by %.2f mm where there is time for another\n", backend == PLIANT_CPU ? "CPU" : "GPU", 1e3 * carried[0], 1e3 * carried[1]);
+        std::printf("%s: carried by %.2f mm with the least budget, by %.2f mm with the largest\n", backend == PLIANT_CPU ? "CPU" : "GPU", 1e3 * carried[0], 1e3 * carried[1]);
+        EXPECT_GT(carried[0], 0.024);
         EXPECT_GT(carried[1], 0.024);
     }
-}
-
-// And as many evaluations with it as there is time for: by a clock that goes on by 1 s each time that it is asked, a quarter of what the first ones took.
-TEST(CudaContact, ABudgetLeavesTimeForSoManyEvaluationsWithANewFactor)
-{
-    NEEDS_GPU();
-    static double seconds;
-    Sheet sheet(PLIANT_CUDA, PLIANT_DIRECT, 1, 30);
-    sheet.scene.solver.budget_ms = 6250; // six times it is asked from the beginning of the solve until the evaluations with the new factor begin
-    sheet.scene.solver.refresh_interval = 0;
-    ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
-    sheet.data->solver->clock = [](void *) { return seconds += 1; };
-    int32_t most = 0;
-    for (int s = 0; s < 6; s++) {
-        ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
-        most = std::max(most, sheet.data->statistics.iterations);
-    }
-    std::printf("up to %d evaluations in a step\n", most);
-    EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();
-    EXPECT_GT(sheet.data->statistics.factors, 0u);
-    EXPECT_LT(most, 30 + 15);
 }
 
 // A tool that jumps passes nothing on its way, however it turns: that of another one is followed as if there were none.
@@ -249,7 +224,7 @@ TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
             const double half = 0.5 * (s == 0 ? -0.5 : 1.5), rotation[4] = {0, std::sin(half), 0, std::cos(half)}, tip[3] = {0.027, 0.031, 0.011};
             ASSERT_EQ(pliant_tool_set_pose(sheet.data, tool, tip, rotation), PLIANT_OK);
             ASSERT_GE(pliant_step(sheet.model, sheet.data), 0) << pliant_last_error();
-            if (s == 1) EXPECT_GE(sheet.data->parts, 2);
+            if (s == 1) EXPECT_GE(sheet.data->statistics.legs, 2);
         }
         const double carried = farthest(sheet.data->positions, sheet.model->body->fine.rest, sheet.model->body->fine.num_nodes);
         std::printf("%s: carried by %.2f mm\n", pliant_data_get_backend(sheet.data), 1e3 * carried);
@@ -282,8 +257,8 @@ TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
             forces_of(cpu.data, here);
             forces_of(gpu.data, there);
             most = std::max(most, gpu.data->statistics.contacts);
-            ASSERT_EQ(gpu.data->parts, cpu.data->parts) << s;
-            parts = std::max(parts, gpu.data->parts);
+            ASSERT_EQ(gpu.data->statistics.legs, cpu.data->statistics.legs) << s;
+            parts = std::max(parts, gpu.data->statistics.legs);
             for (int d = 0; d < 3; d++) {
                 force = std::fmax(force, std::fabs(here[d]));
                 apart = std::fmax(apart, std::fabs(here[d] - there[d]));
@@ -359,13 +334,13 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
                 body->move(std::min(s, 7));
                 ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
             }
-            ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
+            for (auto *body : {&again, &gpu, &cpu}) ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
             take_over_places(cpu.data, again.model, again.data);
             if (s > 3 && s < 11) searches.compare(cpu.data->body, cpu.data->positions, {0.001, 1e-3, 0.3, 0});
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             const bool settles_again = solve(again.model, again.data) == PLIANT_OK;
-            pliant_contact_end(cpu.data);
+            for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             if (!settles || !there_too || !settles_again) continue;
             const std::vector<double> here = forces_on_nodes(cpu.data), there = forces_on_nodes(gpu.data);
@@ -409,12 +384,12 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
             ASSERT_GE(pliant_step(alone.model, alone.data), 0) << pliant_last_error();
             ASSERT_STREQ(pliant_data_get_backend(alone.data), "cuda") << s;
             for (Drop *body : {&cpu, &gpu}) ASSERT_EQ(body->data->backend->kind->interact(body->model, body->data), PLIANT_OK);
-            ASSERT_EQ(pliant_contact_stage(cpu.model, cpu.data), PLIANT_OK) << pliant_last_error();
+            for (auto *body : {&gpu, &cpu}) ASSERT_EQ(pliant_legs_find(body->model, body->data), PLIANT_OK) << pliant_last_error();
             take_over(cpu.data, gpu.model, gpu.data);
             take_over_pieces(cpu.data->falling, gpu.data->falling);
             const bool settles = solve(cpu.model, cpu.data) == PLIANT_OK, there_too = solve(gpu.model, gpu.data) == PLIANT_OK;
             for (Drop *body : {&cpu, &gpu}) pliant_falling_step(body->data);
-            pliant_contact_end(cpu.data);
+            for (auto *body : {&gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             if (!settles || !there_too) continue;
             compared += cpu.data->statistics.contacts > 0;
@@ -432,7 +407,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
         for (int32_t i = 0; i < pieces->start[1]; i++) weight += 9.81 * alone.data->body->node_mass[pieces->node[i]];
         for (int32_t c = 0; c < alone.data->contacts.count; c++) {
             const pliant_contact_point &point = alone.data->contacts.point[c];
-            if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.force[2];
+            if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.normal[2] < 0 ? point.force[2] : 0; // and not on what the piece was cut from, above the ball
             else bears += std::fabs(point.force[2]);
         }
         std::printf("a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, its weight %.4f, pressed with %.4f\n",
@@ -606,7 +581,6 @@ TEST(CudaContact, EveryKernelOnceOfOtherPreconditioners)
     ASSERT_EQ(sheet.begin(), PLIANT_OK) << pliant_last_error();
     for (int s = 0; s < 3; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
     EXPECT_STREQ(pliant_data_get_backend(sheet.data), "cuda") << pliant_last_error();
-    EXPECT_GT(sheet.data->statistics.factors, 0u); // of a state
 }
 
 } // namespace

@@ -229,15 +229,13 @@ TEST(CudaFailure, AmidContact)
     }
 }
 
-// A step that is solved again with an inverse of its own state: where that cannot be made the CPU goes on, to where it comes to from the first call on, or the
-// old one stays, which leads nowhere.
-TEST(CudaFailure, AmidAnInverseOfTheStepsOwnState)
+// Steps in legs: wherever a call fails the CPU goes on with the leg, and the rod carries the sheet along as it does from the first call on.
+TEST(CudaFailure, AmidLegsOfASweep)
 {
     NEEDS_GPU();
     for (pliant_preconditioner_choice preconditioner : {PLIANT_DIRECT, PLIANT_MULTIGRID}) {
         SCOPED_TRACE(preconditioner);
         cuda_contacts::Sheet sheet(PLIANT_AUTO, preconditioner, preconditioner == PLIANT_DIRECT ? 1 : 2, 30);
-        std::vector<double> there;
         int given_up = 0;
         ASSERT_EQ(sheet.build(), PLIANT_OK) << pliant_last_error();
         drop_data(sheet);
@@ -255,11 +253,9 @@ TEST(CudaFailure, AmidAnInverseOfTheStepsOwnState)
             for (int s = 4; s < 6; s++) ASSERT_GE(sheet.step(s, 0.0275), 0) << pliant_last_error();
             EXPECT_EQ(told.count, is_on_cpu(sheet)) << told.last;
             EXPECT_GT(sheet.data->statistics.contacts, 0);
-            if (left >= 0) EXPECT_GT(sheet.data->statistics.factors, 0u);
             const int32_t nodes = sheet.data->body->fine.num_nodes;
-            if (calls == 0) there.assign(sheet.data->positions, sheet.data->positions + 3 * nodes);
-            // where friction has it come to rest is another place by some 0.01 mm; one that has gone astray is 3 mm off and more
-            if (is_on_cpu(sheet) || left >= 0) EXPECT_LT(farthest(there.data(), sheet.data->positions, nodes), 5e-4) << told.last;
+            EXPECT_GT(farthest(sheet.data->positions, sheet.model->body->fine.rest, nodes), 0.024) << told.last;
+            EXPECT_LT(farthest(sheet.data->positions, sheet.model->body->fine.rest, nodes), 0.032) << told.last;
             given_up += is_on_cpu(sheet);
             drop_data(sheet);
         }

@@ -60,7 +60,7 @@ struct Sheet : Body {
         double least = 0;
         for (int32_t p = 0; p < tool.shape.num_parts; p++) {
             pliant_pose pose;
-            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.tip, tool.rotation, tool.jaw, &pose);
+            pliant_part_pose(&tool.shape, tool.shape.part[p].frame, tool.proxy.tip, tool.proxy.rotation, tool.proxy.jaw, &pose);
             for (int32_t n = 0; n < model->body->fine.num_nodes; n++) {
                 double local[3], normal[3];
                 pliant_pose_from(&pose, data->positions + 3 * n, local);
@@ -78,7 +78,7 @@ struct Sheet : Body {
         const pliant_body *body = data->body;
         double least = 0;
         pliant_pose pose;
-        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.proxy.tip, tool.proxy.rotation, 0, &pose);
         for (int32_t t = 0; t < body->num_triangles; t++)
             for (int i = 0; i <= PARTS; i++)
                 for (int j = 0; i + j <= PARTS; j++) {
@@ -128,7 +128,7 @@ struct Sheet : Body {
         const pliant_part &part = tool.shape.part[0];
         const pliant_mesh &fine = data->body->fine;
         pliant_pose pose;
-        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.tip, tool.rotation, 0, &pose);
+        pliant_part_pose(&tool.shape, PLIANT_FRAME_TIP, tool.proxy.tip, tool.proxy.rotation, 0, &pose);
         int inside = 0;
         for (int p = 0; p <= POINTS; p++) {
             double local[3], at[3];

@@ -40,6 +40,8 @@ struct Swept {
     double deepest, carried; // of points of the surface in the tool; the farthest that a node has gone
     int inside;              // points of the tool's middle that lie in a tetrahedron
     int turned;              // elements that are inside out
+    double proxy_error;      // of the tool, in the end [m]
+    int32_t evaluations, legs; // the most of any step
     bool meets_held;         // on its way it is in a side of the sheet that is held where it is: tissue cannot make way there, whatever is done
 };
 
@@ -113,13 +115,19 @@ inline Swept sweep(const Way &on, Mode mode = {})
     Sheet &sheet = *made;
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
     bool meets_held = false;
+    int32_t evaluations = 0, legs = 0;
     EXPECT_EQ(pliant_data_set_background(sheet.data, mode.background, 0), PLIANT_OK);
     for (int step = 0; step < on.steps() + 4; step++) {
         move(sheet, tool, on, step);
         meets_held = meets_held || comes_by_what_is_held(sheet, tool, on, step);
         EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
+        evaluations = std::max(evaluations, sheet.data->statistics.iterations);
+        legs = std::max(legs, sheet.data->statistics.legs);
+        if (std::getenv("PLIANT_SWEEPS_STEPS"))
+            std::printf("  step %d: %d evaluations, %d legs, advanced %g, %g mm behind, ended %d, %d contacts, %d turned\n", step, sheet.data->statistics.iterations, sheet.data->statistics.legs,
+                        sheet.data->statistics.advanced, 1e3 * sheet.data->statistics.proxy_error, sheet.data->statistics.ended, sheet.data->statistics.contacts, sheet.turned());
     }
-    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), sheet.turned(), meets_held};
+    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), sheet.turned(), sheet.data->statistics.proxy_error, evaluations, legs, meets_held};
 }
 
 inline int number_from(const char *name, int otherwise)
@@ -179,10 +187,10 @@ private:
     int number = 0;
 };
 
-// It is in tissue, or the surface reaches its middle, or the sheet has not gone along, or has gone who knows where.
+// It is in tissue, or the surface reaches its middle, or the sheet has not gone along as far as the tool's proxy, or has gone who knows where.
 inline bool is_through(const Swept &swept, const Way &on)
 {
-    return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * on.beyond || !(swept.carried < 0.1);
+    return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
 }
 
 // As many of them as PLIANT_SWEEPS says, or `otherwise`, from PLIANT_SWEEPS_FIRST on, at PLIANT_SWEEPS_SPEED m/s: a line for each that gets through, turns elements inside out or is left
@@ -199,9 +207,9 @@ inline int count_swept_through(int otherwise, Mode mode)
         on.speed = number_from("PLIANT_SWEEPS_SPEED", 1);
         const Swept swept = sweep(on, mode);
         const bool passes = is_through(swept, on);
-        if (passes || swept.deepest > 2e-4 || swept.turned > 0)
-            std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
-                        1e3 * swept.deepest, swept.turned, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
+        if (passes || swept.deepest > 2e-4 || swept.turned > 0 || swept.proxy_error > 2e-4)
+            std::printf("sweep %d: kind %d, %g mm beyond: carried %g mm, %d points inside, %g mm deep, %d elements inside out, %g mm behind, %d evaluations, %d legs%s%s\n", n, n % 7, 1e3 * on.beyond, 1e3 * swept.carried, swept.inside,
+                        1e3 * swept.deepest, swept.turned, 1e3 * swept.proxy_error, swept.evaluations, swept.legs, passes ? ", through" : "", swept.meets_held ? ", in what is held" : "");
         std::fflush(stdout);
         held += swept.meets_held;
         if (swept.meets_held) continue;

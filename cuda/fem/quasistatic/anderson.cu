@@ -68,6 +68,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.limits_secants = 1;
         rules.tolerance = step.tolerance;
         rules.is_cycle = step.is_cycle;
+        rules.is_bounded = step.touches;
         rules.smallest_displacement = step.smallest_displacement;
         if (step.opened) { /* as beyond a blind step */
             rules.blind = 1;

@@ -179,7 +179,6 @@ extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu
     const double start = solver->clock(solver->clock_user);
     CUDA_TRY(pliant_cuda_preconditioner_create(solver->system, gpu->choice, at, gpu->stream, out));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(gpu->stream)));
-    gpu->making_seconds = solver->clock(solver->clock_user) - start;
     return PLIANT_OK;
 }
 
@@ -234,29 +233,6 @@ static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(x, it->d_x[gpu->h_state->now], 3 * (size_t)it->num_nodes * sizeof *x, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(axes, it->d_axes, 9 * (size_t)it->num_free * sizeof *axes, cudaMemcpyDeviceToHost, gpu->stream)));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
-}
-
-/* As in refresh.c: where what is in use is carried over, whether its own is on its way since an earlier step, and a step may take as long as that does. */
-static bool waits_for_its_own(const pliant_cuda_solver *gpu, const pliant_solver *solver, uint64_t step)
-{
-    const gpu_renewal *renewal = gpu->renewal;
-    return !(solver->budget > 0) && renewal && renewal->running && !renewal->source && renewal->started < step;
-}
-
-extern "C" pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made)
-{
-    *made = false;
-    if (gpu->preconditioner.carried.base_free > 0 && !waits_for_its_own(gpu, solver, statistics->step)) return PLIANT_OK;
-    stop(gpu);
-    double *x = static_cast<double *>(pliant_calloc((size_t)gpu->iteration.num_nodes, 3 * sizeof *x));
-    double *axes = static_cast<double *>(pliant_calloc((size_t)gpu->iteration.num_free, 9 * sizeof *axes));
-    const gpu_state_made_at at = {x, axes};
-    pliant_status status = x && axes ? download_state(gpu, x, axes) : pliant_fail_memory("the preconditioner");
-    if (status == PLIANT_OK) status = make_now(gpu, solver, &at, made);
-    statistics->factors += *made;
-    pliant_free(x);
-    pliant_free(axes);
-    return status;
 }
 
 extern "C" pliant_status pliant_cuda_renew_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver)

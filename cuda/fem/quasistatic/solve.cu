@@ -261,7 +261,6 @@ struct step_so_far {
     int32_t opened;            /* of the step after a cut, before the others */
     int32_t solved, iterations;
     double error_before;
-    bool turned;               /* axes were turned for what could not be made then */
     double start;              /* [s] */
     double seconds;            /* that evaluations took */
 };
@@ -291,25 +290,6 @@ static pliant_status run_any(pliant_cuda_solver *gpu, pliant_solver *solver, con
     return PLIANT_OK;
 }
 
-/* As come_out of solver.c: even a live step is better late, but one with a budget has so many evaluations more as there is time for. */
-static pliant_status come_out(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, gpu_step *step, step_so_far *so_far)
-{
-    bool made = true;
-    for (int again = 0; again < PLIANT_MOST_STUCK && made && pliant_touches_are_stuck(solver->touches, &gpu->h_state->rules, pliant_cuda_touches_moved(&gpu->touches)); again++) {
-        int32_t opened = 0;
-        const double each = so_far->solved > 0 ? so_far->seconds / so_far->solved : 0;
-        if (!pliant_solver_has_time_for(solver, so_far->start, gpu->making_seconds + each)) break;
-        CUDA_TRY(pliant_cuda_renew_now(gpu, solver, statistics, &made));
-        so_far->turned = !made;
-        if (!made) break;
-        *step = {};
-        CUDA_TRY(prepare(gpu, solver, gravity, statistics, true, step, &opened));
-        step->limit = {pliant_solver_affordable(solver, so_far->start, solver->clock(solver->clock_user), each), INFINITY};
-        CUDA_TRY(run_any(gpu, solver, step, statistics, so_far));
-    }
-    return PLIANT_OK;
-}
-
 static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     gpu_step step = {};
@@ -327,12 +307,10 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     }
     CUDA_TRY(prepare(gpu, solver, gravity, statistics, renewed, &step, &so_far.opened));
     CUDA_TRY(run_any(gpu, solver, &step, statistics, &so_far));
-    if (step.touches) CUDA_TRY(come_out(gpu, solver, gravity, statistics, &step, &so_far));
     const gpu_state *state = gpu->h_state;
     const pliant_anderson *rules = &state->rules;
     if (!isfinite(rules->merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);
     pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
-    if (so_far.turned) solver->asked.kept = false; /* the step ended in the axes of before */
     pliant_even_note(&solver->even, so_far.solved + so_far.opened, rules->first_merit);
     if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
     gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;

@@ -29,7 +29,6 @@ struct pliant_cuda_solver {
     gpu_system_room system_room;
     gpu_preconditioner preconditioner;
     bool of_state;             /* it was made of a state, not of rest */
-    double making_seconds;     /* that the last one that steps waited for took [s] */
     gpu_renewal *renewal;      /* Nullable: the next preconditioner, in the background */
     gpu_iteration iteration;
     size_t room[SOLVER_ARRAYS]; /* bytes of its arrays, of d_fine and of d_solved */
@@ -91,7 +90,6 @@ pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pli
 pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* In place of one of this body: of the state that the step has led to, at once; *made: false: none could be made, or it is carried over from a body before. It
  * turns the axes. Errors: MEMORY, UNAVAILABLE. */
-pliant_status pliant_cuda_renew_now(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *made);
 /* Where the one in use is of a state: of rest. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_renew_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
 /* The next body: what is under way will be of the one before. node: (nodes of the solved mesh) of that one's. Errors: MEMORY. */

@@ -66,7 +66,7 @@ typedef struct pliant_advance pliant_advance;
 pliant_status pliant_advance_create(const pliant_advance_rule *rule, pliant_advance **out);
 void pliant_advance_free(pliant_advance *advance); /* Nullable */
 
-/* The depth from a part's surface to its core [m]: min(0.2 mm, 0.4 of its depth, 0.02 of the smallest cell of the
+/* The depth from a part's surface to its core [m]: min(2 mm, 0.4 of its depth, 0.3 of the smallest cell of the
  * mesh [m]). */
 double pliant_advance_guard(const pliant_part *part, double smallest_cell);
 

@@ -21,7 +21,7 @@ void pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_po
 
 double pliant_advance_guard(const pliant_part *part, double smallest_cell)
 {
-    const double deepest = 2e-4, of_depth = 0.4, of_cell = 0.02;
+    const double deepest = 2e-3, of_depth = 0.4, of_cell = 0.3;
     return fmin(deepest, fmin(of_depth * pliant_part_depth(part), of_cell * smallest_cell));
 }
 

@@ -86,6 +86,18 @@ double pliant_part_depth(const pliant_part *part)
     return part->radius + 0.5 * fmin(fmin(part->to[0] - part->from[0], part->to[1] - part->from[1]), part->to[2] - part->from[2]);
 }
 
+pliant_part pliant_part_core(const pliant_part *part, double guard)
+{
+    pliant_part core = *part;
+    const double size = length(part->to), inwards = part->kind == PLIANT_PART_BOX ? fmax(guard - part->radius, 0) : 0;
+    if (part->kind != PLIANT_PART_HALF_SPACE) core.radius = part->radius - guard + inwards;
+    for (int d = 0; d < 3; d++) {
+        core.from[d] += inwards - (part->kind == PLIANT_PART_HALF_SPACE ? guard * part->to[d] / size : 0);
+        if (part->kind == PLIANT_PART_BOX) core.to[d] -= inwards;
+    }
+    return core;
+}
+
 /* Low and high corner of what is grown by the radius; a capsule's ends as they are. */
 static void corners_of(const pliant_part *part, double low[3], double high[3])
 {

@@ -15,6 +15,9 @@ double pliant_part_distance(const pliant_part *part, const double p[3], double n
 void pliant_part_leave(const pliant_part *part, const double p[3], const double direction[3], double out[3]);
 /* How deep its deepest point is [m]. */
 double pliant_part_depth(const pliant_part *part);
+/* What lies deeper than the guard depth below its surface, which is less than it is deep: all that is that far from this core has the part's distance plus
+ * guard from it. A box has no edges then: its surface is rounded off by the guard depth. */
+pliant_part pliant_part_core(const pliant_part *part, double guard);
 /* The middle of what it covers, in its frame; of a half-space: nothing. */
 void pliant_part_centre(const pliant_part *part, double out[3]);
 /* The largest distance from a point in the part's frame [m]. */

@@ -397,6 +397,11 @@ void pliant_patch_moved(pliant_data *data, const double *begun)
     memcpy(room, begun, 3 * (size_t)data->body->fine.num_nodes * sizeof *room);
 }
 
+void pliant_patch_rest(pliant_data *data, bool rests)
+{
+    if (data->patch) data->patch->rests = rests;
+}
+
 pliant_status pliant_patch_step(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
@@ -414,7 +419,13 @@ pliant_status pliant_patch_step(pliant_data *data)
     solver->takes_history = PLIANT_TAKES_PATCH_HISTORY;
     if (data->solver->budget > 0) solver->budget = fmax(pliant_solver_time_left(data->solver), 1e-9);
     follow(patch, data->positions);
-    pliant_status status = pliant_solver_touch(solver, &patch->inside, NULL, solver->now.x);
+    if (patch->rests) {
+        pliant_basis_positions(basis, patch->discretization->fine_system, data->positions, solver->now.x, data->positions);
+        statistics->patched = pliant_patch_serves(data);
+        return PLIANT_OK;
+    }
+    patch->proxies = (pliant_touch_pieces){.proxy = data->bodies ? data->bodies->proxy : NULL};
+    pliant_status status = pliant_solver_touch(solver, &patch->inside, &patch->proxies, solver->now.x);
     if (status == PLIANT_OK) status = pliant_solver_step(solver, &own);
     if (status < 0) {
         undo(patch, data);

@@ -46,6 +46,8 @@ int pliant_patch_serves(const pliant_data *data);
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool);
 /* As pliant_solver_hold, of the solver that pliant_patch_solver says. */
 pliant_status pliant_patch_hold(pliant_data *data, int tool);
+/* From the next leg on a patch solves nothing, and moves with the coarse model, which has all points of contact: where a patch after it would stop the leg. */
+void pliant_patch_rest(pliant_data *data, bool rests);
 /* The stage: data->positions are the coarse model's fine nodes, and become those of the patch. NOT_CONVERGED, NUMERIC, MEMORY as
  * pliant_solver_step; where it fails, the coarse model's part of the step is undone, too. What is
  * told of the tools (pliant_tool_report) changes with it. */

@@ -67,6 +67,8 @@ struct pliant_patch {
     patch_room room;
     patch_press press[PLIANT_MAX_TOOLS];
     uint64_t num_presses;     /* that there ever were */
+    bool rests;               /* it goes along with the coarse model, which has all points of contact */
+    pliant_touch_pieces proxies;     /* of tools, which give way by their couplings */
     pliant_contacts inside, outside; /* the step's points: of the near part's nodes; those that the coarse model has */
     int32_t room_of, *point_of; /* (room_of) of each point which of outside, or -1 - which of inside */
     uint8_t *own;             /* (fine nodes) that the patch moves freely */

@@ -54,6 +54,7 @@ typedef struct pliant_anderson {
     double tolerance;          /* of the largest displacement: error at which a step ends */
     double smallest_displacement; /* which counts for at least so much [m] */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
+    int32_t is_bounded;        /* something touches: who asks bounds how far the step may go, and a blind one that nothing speaks for may go as far as any */
 
     /* from step to step */
     int32_t refused;           /* trials since the last accepted one */
@@ -347,7 +348,7 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     }
     if (rules->forget) pliant_anderson_forget(rules);
     const bool ends = rules->next == PLIANT_NEXT_BLIND, doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
-    if (ends && !(made <= rules->smallest_displacement * (doubted ? PLIANT_FARTHEST_DOUBTED : PLIANT_FARTHEST))) rules->next = PLIANT_NEXT_DONE;
+    if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded ? PLIANT_FARTHEST_DOUBTED : PLIANT_FARTHEST))) rules->next = PLIANT_NEXT_DONE;
     if (!ends) return;
     if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen; /* until the end is evaluated, if it is */
     rules->blind = rules->next == PLIANT_NEXT_BLIND;

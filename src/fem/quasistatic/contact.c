@@ -511,20 +511,6 @@ static void find_moved(const pliant_solver *solver)
     }
 }
 
-const double *pliant_touches_moved(const pliant_solver *solver)
-{
-    find_moved(solver);
-    return solver->touches->motion;
-}
-
-bool pliant_touches_are_stuck(const pliant_touches *touches, const pliant_anderson *rules, const double *moved)
-{
-    const double deep = 5; /* thousandths of the body's length */
-    double depth = 0;
-    for (int32_t c = 0; touches && c < touches->count; c++) depth = fmax(depth, depth_of(touches, c, moved + 3 * (size_t)c));
-    return !rules->converged && depth > deep * rules->smallest_displacement;
-}
-
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics)
 {
     pliant_touches *touches = solver->touches;

@@ -20,10 +20,11 @@ extern "C" {
 
 typedef struct pliant_iterate pliant_iterate;
 
-/* Those that have come off. */
+/* Rigid bodies that points are of: pieces that have come off, and proxies of tools. */
 typedef struct pliant_touch_pieces {
-    const int32_t *of_node; /* (fine nodes) which piece; -1: none */
+    const int32_t *of_node; /* Nullable: (fine nodes) which piece; -1: none */
     const pliant_touch_piece *piece;
+    const pliant_touch_piece *proxy; /* Nullable: (PLIANT_MAX_TOOLS x 2) of each tool: all of it about its tip, its jaws about their joint */
 } pliant_touch_pieces;
 
 /* Forces of all points, as one evaluation found them. */
@@ -50,7 +51,7 @@ struct pliant_touches {
     int32_t num_arms, room_arms, num_moving, room_moving;
     int32_t *arm_start;    /* (room + 1) */
     pliant_touch_arm *arm; /* (room_arms) */
-    int32_t *moving;       /* (num_moving) pieces that points are of */
+    int32_t *moving;       /* (num_moving) bodies that points are of: pieces, and -1 less a proxy */
     /* FORCES */
     pliant_touch_forces taken, found; /* of the state of the step; of the one evaluated last */
     double *change;        /* (room x 3) dl of that */
@@ -93,13 +94,6 @@ void pliant_touches_pull(const pliant_touches *touches, const double *force, dou
 void pliant_touches_take(pliant_touches *touches);
 /* Forces and anchors to the points, how deep the deepest lies. */
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
-/* W x of the points where the solver is now: (count x 3), until they are asked again. */
-const double *pliant_touches_moved(const pliant_solver *solver);
-/* Whether tissue would be left where an instrument is: no step from the state has led out of there, or all of them not far enough. It is pushed far and fast
- * then, and what stands for the inverse of the stiffness is of a shape that it no longer has: with one of the state of now the step goes on, so often at
- * most. touches: Nullable; moved: W x of the points there */
-enum { PLIANT_MOST_STUCK = 4 };
-bool pliant_touches_are_stuck(const pliant_touches *touches, const pliant_anderson *rules, const double *moved);
 /* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
 

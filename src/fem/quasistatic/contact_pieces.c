@@ -40,9 +40,27 @@ static pliant_touch_arm *find_arm(pliant_touches *touches, int32_t piece)
     return touches->arm + touches->num_arms++;
 }
 
+/* A point of a tool goes against its gap. Jaws turn by half of their angle each, about their joint. */
+static pliant_status add_proxy(pliant_touches *touches, const pliant_contact_point *point)
+{
+    const int32_t first = 2 * point->tool;
+    for (int32_t body = first; body < first + (point->jaw ? 2 : 1); body++) {
+        pliant_touch_arm *arm = find_arm(touches, -1 - body);
+        if (!arm) return pliant_fail_memory("contact");
+        arm->weight = body == first ? -1 : 0;
+        for (int d = 0; d < 3; d++)
+            arm->arm[d] = -(body == first ? 1 : 0.5 * point->jaw) * (point->place[d] - touches->pieces->proxy[body].centre[d]);
+    }
+    return PLIANT_OK;
+}
+
 pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions)
 {
-    for (int32_t k = 0; k < point->count; k++) {
+    if (touches->pieces->proxy && point->kind == PLIANT_OBSTACLE_TOOL) {
+        pliant_status status = add_proxy(touches, point);
+        if (status != PLIANT_OK) return status;
+    }
+    for (int32_t k = 0; k < point->count && touches->pieces->of_node; k++) {
         const int32_t piece = touches->pieces->of_node[point->node[k]];
         if (piece < 0 || point->weight[k] == 0) continue;
         pliant_touch_arm *arm = find_arm(touches, piece);
@@ -54,23 +72,28 @@ pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_cont
     return PLIANT_OK;
 }
 
-const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving) { return touches->pieces->piece + touches->moving[moving]; }
+const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving)
+{
+    const int32_t body = touches->moving[moving];
+    return body >= 0 ? touches->pieces->piece + body : touches->pieces->proxy + (-1 - body);
+}
 
 void pliant_touches_bend(const pliant_touches *touches, int32_t c, double out[3])
 {
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) pliant_arm_bend(touches->arm + a, pliant_touches_moving(touches, touches->arm[a].moving), out);
 }
 
+/* Rigid bodies leave open how several points share a load: a small compliance says it (a thousandth of a flat punch's on their tissue, 1 / (E sqrt(area))). */
 double pliant_touches_give_way(const pliant_touches *touches, int32_t c)
 {
     const pliant_contact_point *point = touches->points->point + touches->point[c];
-    const double area = point->area;
+    const double area = point->area, share = 1e-3;
     double sum = 0;
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1] && area > 0; a++) {
         const double young = pliant_touches_moving(touches, touches->arm[a].moving)->young;
-        if (young > 0) sum += 1 / (young * sqrt(area));
+        if (young > 0) sum += share / (young * sqrt(area));
     }
-    return sum / (1 + point->firm);
+    return sum;
 }
 
 void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int32_t b, double out[9])

@@ -11,13 +11,14 @@
 extern "C" {
 #endif
 
-/* A piece that has come off (fem/rigid) while it touches something: a rigid body through a step, to first order around how far it has been seen to go. */
+/* A rigid body while it touches something, through a step: a piece that has come off (fem/rigid), to first order around how far it has been seen to go;
+ * or the proxy of a tool (sim/step/proxy.h), which gives way by its coupling alone, around where it shall go. */
 typedef struct pliant_touch_piece {
     double centre[3];      /* of mass, as the step begins [m] */
     double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */
     double ahead[6];       /* how far it has been seen to go, and turn: at first as far as `free` [m, rad] */
     double answer[36];     /* what a force and a torque about its centre add to that [m/N, rad/(N m)] */
-    double young;          /* of its tissue, by which points of it give way [Pa] */
+    double young, size;    /* of its tissue [Pa], and the cube root of its volume [m]: by them what presses it gives way */
     int32_t num_young;     /* tetrahedra that this is the mean of */
 } pliant_touch_piece;
 

@@ -363,35 +363,6 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     return PLIANT_OK;
 }
 
-/* Where what is in use is carried over from a body before: whether its own is on its way since an earlier step, and a step may take as long as that does. */
-static bool waits_for_its_own(const pliant_solver *solver, uint64_t step)
-{
-    const pliant_refresh *refresh = solver->refresh;
-    return !(solver->budget > 0) && refresh && refresh->running && !refresh->source && refresh->started < step;
-}
-
-pliant_status pliant_refresh_now(pliant_solver *solver, pliant_statistics *statistics, bool *made)
-{
-    *made = false;
-    if (pliant_preconditioner_base(solver->preconditioner) && !waits_for_its_own(solver, statistics->step)) return PLIANT_OK;
-    if (!solver->refresh) {
-        pliant_status status = refresh_create(solver);
-        if (status != PLIANT_OK) return status;
-    }
-    pliant_refresh *refresh = solver->refresh;
-    join(refresh);
-    if (refresh->source) return PLIANT_OK; /* of a body before */
-    memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
-    refresh->started = statistics->step;
-    refresh->wanted = refresh->converting = false;
-    refresh->status = PLIANT_OK;
-    make_factor(refresh);
-    if (refresh->status != PLIANT_OK) return refresh->status == PLIANT_ERROR_NUMERIC ? PLIANT_OK : refresh->status;
-    put_in(solver, statistics);
-    *made = true;
-    return PLIANT_OK;
-}
-
 pliant_status pliant_refresh_carry(pliant_solver *solver, const pliant_solver *from, const int32_t *source)
 {
     const pliant_refresh *before = from->refresh;

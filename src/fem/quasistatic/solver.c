@@ -22,14 +22,9 @@ typedef struct step_time {
     pliant_even_limit limit;
 } step_time;
 
-double pliant_solver_time_left(const pliant_solver *solver) { return (1 - solver->reserved) * solver->budget - solver->spent; }
+double pliant_solver_time_left(const pliant_solver *solver) { return solver->budget - solver->spent; }
 
 bool pliant_solver_has_time(const pliant_solver *solver) { return !(solver->budget > 0) || pliant_solver_time_left(solver) > 0; }
-
-bool pliant_solver_has_time_for(const pliant_solver *solver, double start, double seconds)
-{
-    return !(solver->budget > 0) || solver->clock(solver->clock_user) + seconds < start + pliant_solver_time_left(solver);
-}
 
 int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each)
 {
@@ -199,31 +194,6 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     return status;
 }
 
-static bool is_stuck(const pliant_solver *solver)
-{
-    return pliant_touches_any(solver->touches) && pliant_touches_are_stuck(solver->touches, &solver->rules, pliant_touches_moved(solver));
-}
-
-static pliant_status come_out(pliant_solver *solver, step_time *time, pliant_statistics *statistics)
-{
-    bool made = true;
-    pliant_status status = PLIANT_OK;
-    time->limit.evaluations = INT32_MAX; /* even a live step is better late */
-    for (int again = 0; again < PLIANT_MOST_STUCK && made && status == PLIANT_OK && is_stuck(solver); again++) {
-        int32_t more = 0;
-        if (!pliant_solver_has_time_for(solver, time->start, pliant_solver_factor_seconds(solver))) break;
-        status = pliant_refresh_now(solver, statistics, &made);
-        if (status != PLIANT_OK || !made) break;
-        turn_on(solver, statistics->step);
-        status = pliant_solver_respond(solver);
-        if (status == PLIANT_OK) status = pliant_touches_respond(solver);
-        if (status == PLIANT_OK) status = iterate_from_newton(solver, time, &more);
-        statistics->iterations += more;
-        statistics->rejected += (uint64_t)solver->rules.rejected;
-    }
-    return status;
-}
-
 /* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its own */
 static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
 {
@@ -259,10 +229,10 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     }
     step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};
     time.begun = time.start;
+    solver->rules.is_bounded = pliant_touches_any(solver->touches);
     solver->rules.is_cycle = !pliant_preconditioner_refuses(solver->preconditioner);
     status = iterate_from_newton(solver, &time, &statistics->iterations);
     statistics->rejected += (uint64_t)solver->rules.rejected;
-    if (status == PLIANT_OK) status = come_out(solver, &time, statistics);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) memcpy(solver->handles[t].force, solver->now.force + 3 * t, 3 * sizeof(double));
     if (!isfinite(solver->rules.merit)) return pliant_fail(PLIANT_ERROR_NUMERIC, PLIANT_LOAD_NOT_FINITE);

@@ -105,7 +105,6 @@ struct pliant_solver {
     double smallest_scale;
     double budget;              /* of the iterations of a step [s]; 0: none */
     double spent;               /* of that by solves before, of a step that has several [s] */
-    double reserved;            /* share of it that is left for solves of the parts that come after this one (sim/step/substeps.h) */
     double evaluation_seconds;  /* of a whole one, in the last step that had one */
     double (*clock)(void *user); /* that it is measured by: the machine's, or a test's [s] */
     void *clock_user;
@@ -146,8 +145,6 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver);
 pliant_status pliant_solver_create(const pliant_scene *scene, const pliant_system *system, pliant_solver **out);
 /* the same without a preconditioner and a load, nothing set; rests: without what only a step of its own needs */
 pliant_status pliant_solver_create_without(const pliant_scene *scene, const pliant_system *system, bool rests, pliant_solver **out);
-/* That a new factor takes, about [s]; 0: not known */
-double pliant_solver_factor_seconds(const pliant_solver *solver);
 /* That is made where it is not there yet; axes refer to nothing. Errors: MEMORY. */
 pliant_status pliant_solver_wake(pliant_solver *solver);
 /* Its load, by the gravity of the solver before: only nodes of another mass have another one. Errors: MEMORY. */
@@ -174,8 +171,6 @@ static inline size_t pliant_solver_unknowns(const pliant_solver *solver) { retur
 double pliant_solver_time_left(const pliant_solver *solver);
 /* Whether another solve of this step has time; without a budget it has. */
 bool pliant_solver_has_time(const pliant_solver *solver);
-/* Whether what takes so many seconds, such as a new factor, would be there before the budget of a solve that began at `start` [s] ends. */
-bool pliant_solver_has_time_for(const pliant_solver *solver, double start, double seconds);
 /* How many evaluations, of `each` [s], would be done before it from `now` on; INT32_MAX: without a budget, or where that is not known (0). */
 int32_t pliant_solver_affordable(const pliant_solver *solver, double start, double now, double each);
 /* One step from the present state. NOT_CONVERGED keeps the best iterate; NUMERIC keeps the old one. */
@@ -277,8 +272,6 @@ void pliant_posterior_keep(pliant_solver *solver);
 /* ---- refresh.c */
 /* Start and deliver factors at fixed steps. Errors of the factorization keep the old factor. */
 pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *statistics);
-/* A factor of the state of now, at once: what is under way is waited for. *made: there is one. Errors: MEMORY. */
-pliant_status pliant_refresh_now(pliant_solver *solver, pliant_statistics *statistics, bool *made);
 void pliant_refresh_free(pliant_solver *solver);
 size_t pliant_refresh_bytes(const pliant_solver *solver);
 bool pliant_refresh_is_busy(const pliant_solver *solver); /* freeing it would wait */

@@ -74,12 +74,6 @@ static const double rate = 5e9; /* operations that a core of today does in a sec
  * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
 static int32_t steps_for(double operations, double step) { return (int32_t)fmin(ceil(operations / rate / step), 99998); }
 
-double pliant_solver_factor_seconds(const pliant_solver *solver)
-{
-    const pliant_preconditioner *preconditioner = solver->preconditioner;
-    return preconditioner ? pliant_preconditioner_operations(preconditioner) / rate : 0;
-}
-
 static void set_delays(const pliant_scene *scene, pliant_solver *solver)
 {
     const pliant_preconditioner *preconditioner = solver->system->preconditioner;

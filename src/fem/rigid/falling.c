@@ -82,20 +82,35 @@ static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from
     now->gone = before->gone;
 }
 
-/* Young's modulus of a piece: the mean over its tetrahedra */
+/* Six times its volume at rest */
+static double volume_of(const pliant_mesh *mesh, int32_t t)
+{
+    double edge[3][3];
+    for (int v = 0; v < 3; v++)
+        for (int d = 0; d < 3; d++)
+            edge[v][d] = mesh->rest[3 * (size_t)mesh->tets[4 * (size_t)t + (size_t)v + 1] + (size_t)d] - mesh->rest[3 * (size_t)mesh->tets[4 * (size_t)t] + (size_t)d];
+    double six = 0;
+    for (int d = 0; d < 3; d++) six += edge[0][d] * (edge[1][(d + 1) % 3] * edge[2][(d + 2) % 3] - edge[1][(d + 2) % 3] * edge[2][(d + 1) % 3]);
+    return fabs(six);
+}
+
+/* Young's modulus of a piece, the mean over its tetrahedra, and its size */
 static void find_moduli(pliant_falling *falling)
 {
     const pliant_body *body = falling->body;
-    for (int32_t p = 0; p < body->pieces->count; p++) falling->touch[p].young = falling->touch[p].num_young = 0;
+    for (int32_t p = 0; p < body->pieces->count; p++) falling->touch[p].young = falling->touch[p].size = falling->touch[p].num_young = 0;
     for (int32_t t = 0; t < body->fine.num_tets && body->fine_material; t++) {
         const int32_t p = falling->of_node[body->fine.tets[4 * (size_t)t]];
         const double lambda = body->fine_material[t].lambda, mu = body->fine_material[t].mu;
         if (p < 0 || !(body->fine_material[t].tissue > 0) || !(lambda + mu > 0)) continue;
         falling->touch[p].young += mu * (3 * lambda + 2 * mu) / (lambda + mu);
+        falling->touch[p].size += volume_of(&body->fine, t) / 6;
         falling->touch[p].num_young++;
     }
-    for (int32_t p = 0; p < body->pieces->count; p++)
+    for (int32_t p = 0; p < body->pieces->count; p++) {
         if (falling->touch[p].num_young > 0) falling->touch[p].young /= falling->touch[p].num_young;
+        falling->touch[p].size = cbrt(falling->touch[p].size);
+    }
 }
 
 /* List the surface triangles of each piece, by a counting sort. */
@@ -121,7 +136,7 @@ static void fill(pliant_falling *falling, const double *positions, const pliant_
     const pliant_pieces *pieces = falling->body->pieces;
     memset(falling->place, 0xff, (size_t)falling->body->fine.num_nodes * sizeof *falling->place);
     memset(falling->of_node, 0xff, (size_t)falling->body->fine.num_nodes * sizeof *falling->of_node);
-    falling->together = (pliant_touch_pieces){falling->of_node, falling->touch};
+    falling->together = (pliant_touch_pieces){.of_node = falling->of_node, .piece = falling->touch};
     for (int32_t p = 0; p < pieces->count; p++) {
         int32_t source = -1;
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {

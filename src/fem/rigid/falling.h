@@ -25,7 +25,7 @@ pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body
                                     const pliant_body_map *map, pliant_falling **out);
 void pliant_falling_free(pliant_falling *falling); /* Nullable */
 
-/* A step of the scene, or one of the parts that it is taken in (data->parts), from data->positions of all else: pieces' nodes in data->positions, what tools feel of them, statistics. true: explicit
+/* A step of the scene, or one of the parts that it is taken in (data->share), from data->positions of all else: pieces' nodes in data->positions, what tools feel of them, statistics. true: explicit
  * dynamics must take the state of the host anew. */
 bool pliant_falling_step(pliant_data *data);
 /* ---- touched.c, of quasi-static solvers. data->falling is there */
@@ -56,6 +56,8 @@ void pliant_falling_set_positions(pliant_falling *falling, const double *positio
 typedef struct pliant_falling_kept pliant_falling_kept;
 pliant_status pliant_falling_keep(const pliant_falling *falling, pliant_falling_kept **kept);
 void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *falling); /* of the same body */
+/* What a step has moved goes a share of that way instead: places along chords, with the pieces' shapes kept, and motion likewise. */
+void pliant_falling_partway(const pliant_falling_kept *from, double share, pliant_falling *falling);
 void pliant_falling_kept_free(pliant_falling_kept *kept);                           /* Nullable */
 
 /* Nullable falling. Where a node was when its piece came off; NULL: it is of none */

@@ -57,7 +57,7 @@ struct pliant_falling {
     pliant_touch_pieces together;  /* these two */
 };
 
-static inline void pliant_falling_set_step(pliant_falling *falling, const pliant_data *data) { falling->step = falling->whole / data->parts; }
+static inline void pliant_falling_set_step(pliant_falling *falling, const pliant_data *data) { falling->step = falling->whole * data->share; }
 
 /* ---- grips.c */
 /* As a rigid body, as the step begins. */

@@ -135,7 +135,7 @@ double pliant_falling_foresee(pliant_data *data)
         at->walled = at->meets = false;
         const int num_grips = pliant_falling_grips(falling, p, grips);
         if (!(body.mass > 0) || (at->gone && num_grips == 0)) { /* as what is fixed */
-            *touch = (pliant_touch_piece){.young = touch->young};
+            *touch = (pliant_touch_piece){.young = touch->young, .size = touch->size};
             at->way = 0;
             continue;
         }

@@ -60,6 +60,20 @@ static pliant_status check(const pliant_data *data, int tool)
                                                : pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, tool);
 }
 
+/* Of the last step; before the first one, and without a shape, a proxy is where the tool is measured. */
+static void tell_proxy(const pliant_tool *from, pliant_tool_state *out)
+{
+    const bool stepped = from->proxy.known && from->shape.num_parts > 0;
+    out->has_proxy = from->present && from->shape.num_parts > 0;
+    out->jaw = from->jaw;
+    out->proxy_jaw = stepped ? from->proxy.jaw : from->jaw;
+    out->jaw_error = out->jaw - out->proxy_jaw;
+    out->saturated = stepped && from->proxy.saturated;
+    memcpy(out->proxy_tip, stepped ? from->proxy.tip : from->tip, sizeof out->proxy_tip);
+    memcpy(out->proxy_rotation, stepped ? from->proxy.rotation : from->rotation, sizeof out->proxy_rotation);
+    for (int d = 0; d < 3; d++) out->proxy_error[d] = from->tip[d] - out->proxy_tip[d];
+}
+
 pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out)
 {
     pliant_status status = check(data, tool);
@@ -77,6 +91,8 @@ pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_sta
     memcpy(told.held_point, from->held_point, sizeof told.held_point);
     memcpy(told.force, from->force, sizeof told.force);
     pliant_contact_wrench(data, tool, told.contact_force, told.contact_torque);
+    tell_proxy(from, &told);
+    told.advanced = data->statistics.advanced;
     *out = told;
     return PLIANT_OK;
 }

@@ -76,7 +76,7 @@ pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_dat
 
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3])
 {
-    const double *tip = data->tools[tool].last.tip;
+    const double *tip = data->tools[tool].proxy.tip;
     memset(force, 0, 3 * sizeof *force);
     memset(torque, 0, 3 * sizeof *torque);
     for (int32_t p = 0; p < data->contacts.count; p++) {

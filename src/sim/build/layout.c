@@ -36,7 +36,8 @@ static const pliant_field_layout fields[] = {
     POINTER(pliant_body, fine.tets), POINTER(pliant_body, node_parent), POINTER(pliant_body, tet_parent), INTS(pliant_body, num_triangles),
     POINTER(pliant_body, triangles), POINTER(pliant_body, fine_material), POINTER(pliant_body, node_mass), POINTER(pliant_body, fine_fixed),
 
-    COUNTS(pliant_statistics, step), REALS(pliant_statistics, seconds), INTS(pliant_statistics, iterations), REALS(pliant_statistics, residual),
+    COUNTS(pliant_statistics, step), REALS(pliant_statistics, seconds), INTS(pliant_statistics, iterations), INTS(pliant_statistics, legs), REALS(pliant_statistics, advanced), REALS(pliant_statistics, proxy_error),
+    INTS(pliant_statistics, ended), REALS(pliant_statistics, residual),
     REALS(pliant_statistics, error), REALS(pliant_statistics, residual_force), INTS(pliant_statistics, falling),
     INTS(pliant_statistics, contacts), REALS(pliant_statistics, penetration), COUNTS(pliant_statistics, not_converged), COUNTS(pliant_statistics, failed), FIELD(pliant_statistics, bytes, 'N', size_t),
 
@@ -45,7 +46,9 @@ static const pliant_field_layout fields[] = {
     FLAG(pliant_tool_state, holding), COUNTS(pliant_tool_state, hold), INTS(pliant_tool_state, num_held), REALS(pliant_tool_state, held_point),
     REALS(pliant_tool_state, force), REALS(pliant_tool_state, contact_force), REALS(pliant_tool_state, contact_torque), FLAG(pliant_tool_state, cutting), FLAG(pliant_tool_state, engaged),
     REALS(pliant_tool_state, engaged_length), REALS(pliant_tool_state, severed_area), COUNTS(pliant_tool_state, stroke),
-    INTS(pliant_tool_state, pieces),
+    INTS(pliant_tool_state, pieces), REALS(pliant_tool_state, jaw), FLAG(pliant_tool_state, has_proxy), REALS(pliant_tool_state, proxy_tip),
+    REALS(pliant_tool_state, proxy_rotation), REALS(pliant_tool_state, proxy_jaw), REALS(pliant_tool_state, proxy_error),
+    REALS(pliant_tool_state, jaw_error), FLAG(pliant_tool_state, saturated), REALS(pliant_tool_state, advanced),
 
     INTS(pliant_contact, tool), INTS(pliant_contact, part), FLAG(pliant_contact, tissue), REALS(pliant_contact, place), REALS(pliant_contact, normal),
     REALS(pliant_contact, force), REALS(pliant_contact, area), REALS(pliant_contact, depth),

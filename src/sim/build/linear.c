@@ -65,9 +65,9 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
     if (index < 0 || index >= data->num_tools) return pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, index);
     const pliant_tool *tool = data->tools + index;
     pliant_tool_linear now = {.known = tool->present && data->statistics.step > 0, .step = data->statistics.step, .hold = tool->hold};
-    const bool stepped = tool->last.known; /* the wrench is of where the tool was in the step */
-    memcpy(now.tip, stepped ? tool->last.tip : tool->tip, sizeof now.tip);
-    memcpy(now.rotation, stepped ? tool->last.rotation : tool->rotation, sizeof now.rotation);
+    const bool stepped = tool->proxy.known; /* the wrench is of where the tool was in the step */
+    memcpy(now.tip, stepped ? tool->proxy.tip : tool->tip, sizeof now.tip);
+    memcpy(now.rotation, stepped ? tool->proxy.rotation : tool->rotation, sizeof now.rotation);
     if (now.known) {
         read_wrench(data, index, now.wrench);
         bool linear = data->solver && data->backend->on_host && !data->falling;

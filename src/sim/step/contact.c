@@ -2,38 +2,37 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "base/rotate.h"
-#include "contact/detect/find.h"
-#include "contact/detect/finder.h"
 #include "contact/detect/outside.h"
 #include "contact/detect/tissue.h"
+#include "contact/shapes/solid.h"
 #include "fem/dynamics/tled.h"
 #include "fem/rigid/falling.h"
-#include "fem/patch/patch.h"
-#include "fem/system.h"
 #include "pliant/memory.h"
+#include "sim/step/legs.h"
+#include "tool/clearance.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
 static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
 static const double emerging = 0.15;  /* [s] in which its depth is down to 1 / e, where tissue swings: what is pushed out faster is given energy */
-enum { MOST_POSES = 4096, MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
+static const double margin = 1e-3;    /* [m] beyond a part's own way: points are looked for so far from its surface, since tissue may move as far in the leg */
+enum { MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
     pliant_finder *finder;
     pliant_tissue tissue;      /* contact/self */
     pliant_outside outside;
-    pliant_contacts made;      /* room: those of the step before, once this one has its own */
-    int32_t num_poses, room_poses;
-    pliant_pose *pose;
+    pliant_contacts made;      /* room: those of the leg before, once this one has its own */
     int32_t num_parts;
     pliant_moving_part part[MOST_PARTS];
-    int32_t first[MOST_PARTS]; /* of its poses */
+    pliant_advance_part advance_part[MOST_PARTS];
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
-    double passed;             /* of what was last seen to pass tools, how deep the deepest is, over their depth */
+    pliant_advance *advance;   /* Nullable: room */
+    int32_t room_surface;
+    double *surface;           /* (room_surface x 3) of the surface's nodes as the leg begins [m] */
+    double low[3], high[3];    /* around them [m] */
     int32_t room_nodes;        /* contact/response: paper */
     uint8_t *overlaps;         /* (room_nodes) */
     double *place;             /* (room_nodes x 3) */
@@ -83,104 +82,75 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
     return PLIANT_OK;
 }
 
-/* ---- parts as they move in this step */
+/* ---- parts as they move in this leg */
 
-static pliant_status reserve_poses(pliant_contact_search *search, int32_t more)
+static double seconds_of(const pliant_model *model, const pliant_data *data) { return model->scene.solver.step * data->share; }
+
+static double recovered(const pliant_model *model, const pliant_data *data) { return recovery * seconds_of(model, data); }
+
+static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-seconds_of(model, data) / emerging) : 0; }
+
+/* The core of a field of signed distances is larger by what that may be off by (contact/advance). */
+static double off_of(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0; }
+
+/* Of which half the depth is left at least. */
+static double guard_of(const pliant_model *model, const pliant_data *data, const pliant_part *part)
 {
-    const int32_t room = search->num_poses + more;
-    if (room <= search->room_poses) return PLIANT_OK;
-    pliant_pose *pose = pliant_resize(search->pose, 2 * (size_t)room, sizeof *pose);
-    if (!pose) return pliant_fail_memory("contacts");
-    search->pose = pose;
-    search->room_poses = 2 * room;
-    return PLIANT_OK;
+    const double least = 0.5, *cell = data->body->fine.cell_size;
+    const double guard = fmin(model->scene.contact.guard_depth, pliant_advance_guard(part, fmin(fmin(cell[0], cell[1]), cell[2])));
+    return fmax(guard, off_of(part) + least * guard);
 }
 
-/* in this step, or in this part of it [m] */
-static double recovered(const pliant_model *model, const pliant_data *data) { return recovery * model->scene.solver.step / data->parts; }
-
-static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-model->scene.solver.step / data->parts / emerging) : 0; }
-
-/* No further from one pose to the next than half of how deep the part is: what it has passed through it has been seen in.
- * tissue_way: how far the tissue goes at the same time */
-static pliant_status add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p, double tissue_way)
+static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_tool *tool = data->tools + t;
     const pliant_part *part = tool->shape.part + p;
-    const bool goes_on = pliant_contact_goes_on(model, tool);
-    double way = tissue_way;
-    if (goes_on) way += pliant_contact_way_of(tool, part);
-    const double steps = ceil(way / (0.5 * pliant_part_depth(part)));
-    const int32_t poses = way > 0 ? 1 + (int32_t)fmin(fmax(steps, 1), MOST_POSES) : 1;
-    pliant_status status = reserve_poses(search, poses);
-    if (status != PLIANT_OK) return status;
-    pliant_pose *pose = search->pose + search->num_poses;
-    for (int32_t n = 0; n < poses; n++) {
-        const double share = poses > 1 ? (double)n / (poses - 1) : 1;
-        double tip[3], rotation[4], jaw;
-        pliant_contact_pose(tool, goes_on ? share : 1, tip, rotation, &jaw);
-        pliant_part_pose(&tool->shape, part->frame, tip, rotation, jaw, pose + n);
-    }
-    search->first[search->num_parts] = search->num_poses;
-    search->part[search->num_parts++] = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? way / (poses - 1) : 0, .margin = PLIANT_CONTACT_MARGIN + way, .recovery = recovered(model, data), .briefly = data->tled && pliant_tled_in_parts(data->tled),
-        .remembers = goes_on || tissue_way > 0,
-        .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held,
+    const pliant_tool_pose *begin = &data->legs->tool[t].begin, *goal = &data->legs->tool[t].ahead;
+    const int32_t num_held = pliant_tool_grips(tool) ? tool->num_held : 0;
+    const double way = pliant_part_way(&tool->shape, part, begin, goal);
+    pliant_moving_part *moving = search->part + search->num_parts;
+    *moving = (pliant_moving_part){
+        .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .guard = guard_of(model, data, part), .off = off_of(part),
+        .margin = margin + way, .shape = &tool->shape, .from = *begin, .to = *goal, .way = way, .recovery = recovered(model, data), .num_held = num_held, .held = tool->held,
     };
-    search->num_poses += poses;
-    return PLIANT_OK;
+    pliant_part_pose(&tool->shape, part->frame, begin->tip, begin->rotation, begin->jaw, &moving->begin);
+    pliant_part_pose(&tool->shape, part->frame, goal->tip, goal->rotation, goal->jaw, &moving->end);
+    search->advance_part[search->num_parts++] = (pliant_advance_part){
+        .part = part, .shape = &tool->shape, .from = *begin, .to = *goal, .guard = moving->guard, .released = true, .num_held = num_held, .held = tool->held};
 }
 
 /* What stands still. */
-static pliant_status add_obstacle(const pliant_model *model, const pliant_data *data, const pliant_part *part, int32_t index, double tissue_way)
+static void add_obstacle(const pliant_model *model, const pliant_data *data, const pliant_part *part, int32_t index)
 {
     pliant_contact_search *search = data->contact_search;
-    const int32_t poses = tissue_way > 0 ? 1 + (int32_t)fmin(fmax(ceil(tissue_way / (0.5 * pliant_part_depth(part))), 1), MOST_POSES) : 1;
-    pliant_status status = reserve_poses(search, poses);
-    if (status != PLIANT_OK) return status;
-    search->first[search->num_parts] = search->num_poses;
-    for (int32_t n = 0; n < poses; n++) search->pose[search->num_poses++] = (pliant_pose){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const pliant_pose still = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const double guard = guard_of(model, data, part);
+    search->advance_part[search->num_parts] = (pliant_advance_part){.part = part, .guard = guard, .released = true};
     search->part[search->num_parts++] = (pliant_moving_part){
-        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .num_poses = poses,
-        .stride = poses > 1 ? tissue_way / (poses - 1) : 0, .margin = PLIANT_CONTACT_MARGIN + tissue_way, .recovery = recovered(model, data), .stays = stays(model, data),
-        .briefly = data->tled && pliant_tled_in_parts(data->tled), .remembers = true,
-    };
-    return PLIANT_OK;
+        .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .begin = still, .end = still,
+        .guard = guard, .off = off_of(part), .margin = margin, .recovery = recovered(model, data), .stays = stays(model, data)};
 }
 
-static pliant_status add_obstacles(const pliant_model *model, const pliant_data *data, double tissue_way)
+static void gather_parts(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_search *search = data->contact_search;
-    const int32_t count = pliant_contact_obstacles(model, search->obstacle);
-    pliant_status status = PLIANT_OK;
-    for (int32_t n = 0; n < count + model->obstacles.num_parts && status == PLIANT_OK; n++)
-        status = add_obstacle(model, data, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n, tissue_way);
-    return status;
-}
-
-/* tissue_way: how far the tissue has gone in the step, which is over [m]; 0: it begins */
-static pliant_status gather_parts(const pliant_model *model, pliant_data *data, double tissue_way)
-{
-    pliant_contact_search *search = data->contact_search;
-    pliant_status status = PLIANT_OK;
-    search->num_parts = search->num_poses = 0;
+    search->num_parts = 0;
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;
-        for (int32_t p = 0; tool->present && p < tool->shape.num_parts && status == PLIANT_OK; p++)
-            if (!(tool->shape.part[p].cuts && tool->blade.cutting)) status = add_part(model, data, t, p, tissue_way);
+        for (int32_t p = 0; tool->present && !tool->proxy.released && p < tool->shape.num_parts; p++)
+            if (!(tool->shape.part[p].cuts && tool->blade.cutting)) add_part(model, data, t, p);
     }
-    if (status == PLIANT_OK) status = add_obstacles(model, data, tissue_way);
-    for (int32_t p = 0; p < search->num_parts; p++) search->part[p].pose = search->pose + search->first[p];
-    return status;
+    const int32_t count = pliant_contact_obstacles(model, search->obstacle);
+    for (int32_t n = 0; n < count + model->obstacles.num_parts; n++)
+        add_obstacle(model, data, n < count ? search->obstacle + n : model->obstacles.part + (n - count), n);
 }
 
 /* ---- the stage */
 
 static bool touches_itself(const pliant_model *model) { return model->scene.contact.self || model->scene.material.slides[0]; }
 
-static bool has_nothing_to_touch(const pliant_model *model, const pliant_data *data)
+bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
 {
     if (touches_itself(model)) return false;
     if (model->scene.obstacles.num_boxes + model->scene.obstacles.num_planes > 0 || model->obstacles.num_parts > 0) return false;
@@ -271,12 +241,95 @@ static pliant_status choose_surface(const pliant_model *model, pliant_data *data
     return PLIANT_OK;
 }
 
+/* Where the surface is as the leg begins, and the box around it. Errors: MEMORY. */
+static pliant_status keep_surface(pliant_contact_search *search, const pliant_body *body, const double *positions)
+{
+    const int32_t nodes = body->fine.num_nodes;
+    if (nodes > search->room_surface) {
+        double *surface = pliant_resize(search->surface, (size_t)nodes, 3 * sizeof *surface);
+        if (!surface) return pliant_fail_memory("contacts");
+        search->surface = surface;
+        search->room_surface = nodes;
+    }
+    memcpy(search->surface, positions, 3 * (size_t)nodes * sizeof *positions);
+    for (int d = 0; d < 3; d++) {
+        search->low[d] = INFINITY;
+        search->high[d] = -INFINITY;
+    }
+    for (int32_t c = 0; c < 3 * body->num_triangles; c++)
+        for (int d = 0; d < 3; d++) {
+            const double x = positions[3 * (size_t)body->triangles[c] + (size_t)d];
+            search->low[d] = fmin(search->low[d], x);
+            search->high[d] = fmax(search->high[d], x);
+        }
+    return PLIANT_OK;
+}
+
+/* Of points that the tool would push */
+static bool overlaps(const pliant_data *data, const pliant_contact_point *point)
+{
+    double gap = 0;
+    for (int d = 0; d < 3; d++) {
+        double x = 0;
+        for (int32_t k = 0; k < point->count; k++) x += point->weight[k] * data->positions[3 * (size_t)point->node[k] + (size_t)d];
+        gap += point->normal[d] * (x - point->place[d]);
+    }
+    return gap <= 0;
+}
+
+void pliant_contact_gives(const pliant_data *data, int t, bool pressing, const double joint[3], const double axis[3], double out[2])
+{
+    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
+    double sum = 0, levers = 0;
+    int32_t count = 0;
+    out[0] = out[1] = 0;
+    for (int32_t n = 0; pieces && n < data->contacts.count; n++) {
+        const pliant_contact_point *point = data->contacts.point + n;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != t || pieces->of_node[point->node[0]] < 0 || !(pressing ? point->begun : overlaps(data, point))) continue;
+        double along = 0, square = 0;
+        for (int d = 0; d < 3; d++) {
+            square += (point->place[d] - joint[d]) * (point->place[d] - joint[d]);
+            along += (point->place[d] - joint[d]) * axis[d];
+        }
+        const pliant_touch_piece *piece = pieces->piece + pieces->of_node[point->node[0]];
+        if (!(piece->young * piece->size > 0)) continue;
+        count++;
+        sum += 1 / (piece->young * piece->size);
+        if (point->jaw) levers += 0.25 * (square - along * along);
+    }
+    if (count == 0) return;
+    out[0] = sum / count;
+    if (levers > 0) out[1] = sum / levers;
+}
+
+/* Of the points of this leg, where there are any, rather than of those of the leg before. */
+static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int t)
+{
+    pliant_touch_piece *couple = data->legs->proxy + 2 * t;
+    double gives[2];
+    pliant_contact_gives(data, t, false, couple[1].centre, leg->axis, gives);
+    if (!(gives[0] > 0)) return;
+    for (int d = 0; d < 3; d++) couple[0].answer[7 * d] += gives[0] - leg->gives[0];
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * leg->axis[r] * leg->axis[c];
+}
+
+/* Pieces and proxies, of which points may be. */
+static void set_bodies(pliant_data *data)
+{
+    pliant_legs *legs = data->legs;
+    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
+    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy};
+    if (pieces) {
+        legs->bodies.of_node = pieces->of_node;
+        legs->bodies.piece = pieces->piece;
+        for (int t = 0; t < data->num_tools; t++) soften_by_pieces(data, legs->tool + t, t);
+    }
+    data->bodies = &legs->bodies;
+}
+
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 {
-    if (has_nothing_to_touch(model, data)) {
-        pliant_contact_forget(data);
-        return PLIANT_OK;
-    }
     pliant_status status = begin(&data->contact_search);
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
@@ -284,236 +337,128 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     const double pieces_go = data->falling ? pliant_falling_foresee(data) : 0;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    if (data->falling) pliant_contact_mark_pieces(model, data);
-    status = gather_parts(model, data, 0);
-    if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
-    pliant_finder_tell(search->finder, &data->contacts);
-    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, search->num_parts, search->part, &search->made);
+    if (data->falling) pliant_contact_mark_pieces(data);
+    gather_parts(model, data);
+    status = choose_surface(model, data, &body, &positions);
+    if (status == PLIANT_OK) status = keep_surface(search, body, positions);
+    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
     if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
     if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, &search->made);
     pliant_contacts_exchange(&data->contacts, &search->made);
+    set_bodies(data);
     return PLIANT_OK;
 }
 
-/* ---- once a step is solved */
+/* ---- how far a leg may go */
 
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static pliant_status find_room(pliant_contact_search *search) { return search->advance ? PLIANT_OK : pliant_advance_create(NULL, &search->advance); }
 
-static double gap_of(const pliant_contact_point *point, const double *positions)
-{
-    double gap = 0;
-    for (int d = 0; d < 3; d++) {
-        double at = -point->place[d];
-        for (int32_t k = 0; k < point->count; k++) at += point->weight[k] * positions[3 * (size_t)point->node[k] + (size_t)d];
-        gap += point->normal[d] * at;
-    }
-    return gap;
-}
-
-/* As it has been solved. */
-static bool presses(const pliant_data *data, const pliant_contact_point *point)
-{
-    const pliant_contacts *now = &data->contacts;
-    const pliant_contact_point *found = now->count > 0 ? bsearch(point, now->point, (size_t)now->count, sizeof *point, pliant_contact_compare) : NULL;
-    return found && dot(found->force, found->normal) > 0;
-}
-
-/* the deepest of a feature's points so far; INFINITY: there is none; -INFINITY: one of them presses from the other side, and both cannot be right. same: that which the point takes the place of, or NULL;
- * of one on the other side that does not press it does. The point is as firm as the firmest of them. */
-static double gap_so_far(const pliant_data *data, const pliant_contacts *all, int32_t count, pliant_contact_point *point, pliant_contact_point **same)
-{
-    double gap = INFINITY;
-    *same = NULL;
-    pliant_contact_point one = {.feature = point->feature & ~(uint64_t)(PLIANT_FEATURE_POINTS - 1)};
-    for (int n = 0; n < PLIANT_FEATURE_POINTS; n++, one.feature++) {
-        pliant_contact_point *found = count > 0 ? bsearch(&one, all->point, (size_t)count, sizeof one, pliant_contact_compare) : NULL;
-        const bool beyond = found && dot(found->normal, point->normal) < 0;
-        if (beyond && !presses(data, found)) point->feature = found->feature;
-        else if (found) gap = fmin(gap, beyond ? -INFINITY : gap_of(found, data->positions));
-        if (found) point->firm = fmax(point->firm, found->firm);
-        if (found && found->feature == point->feature) *same = found;
-    }
-    return gap;
-}
-
-/* Points that are deeper than those of their features, to those that it is solved again with. @return how many */
-static int32_t take_in(const pliant_data *data, const pliant_contact_start *start, const pliant_contacts *found)
-{
-    const double deeper = 1e-4; /* [m] */
-    pliant_contacts *all = start->points;
-    const int32_t count = all->count;
-    int32_t taken = 0;
-    for (int32_t n = 0; n < found->count; n++) {
-        pliant_contact_point *point = found->point + n, *same;
-        const double before = gap_so_far(data, all, count, point, &same);
-        if (!(gap_of(point, data->positions) < fmin(before, 0) - deeper)) continue;
-        if (same) pliant_contact_carry(same, start->positions, point);
-        for (int d = 0; d < 3 && same; d++) point->anchor[d] -= point->drift[d]; /* both are where the step ends */
-        if (same) *same = *point;
-        else all->point[all->count++] = *point;
-        taken++;
-    }
-    if (all->count > count) qsort(all->point, (size_t)all->count, sizeof *all->point, pliant_contact_compare);
-    return taken;
-}
-
-static const double spins = 1; /* [rad] in a step: further, a part does not hold what is before it (find.c) */
-
-double pliant_contact_turn(const pliant_model *model, const pliant_data *data)
-{
-    double most = 0;
-    for (int t = 0; t < data->num_tools; t++) {
-        const pliant_tool *tool = data->tools + t;
-        if (tool->shape.num_parts > 0 && pliant_contact_goes_on(model, tool)) most = fmax(most, pliant_rotation_angle(tool->last.rotation, tool->rotation) / spins);
-    }
-    return most;
-}
-
-/* INFINITY: of half-spaces alone, or of none */
-static double thinnest_of(const pliant_contact_search *search)
-{
-    double thinnest = INFINITY;
-    for (int32_t p = 0; p < search->num_parts; p++) thinnest = fmin(thinnest, pliant_part_depth(search->part[p].part));
-    return thinnest;
-}
-
-static bool may_pass(const pliant_model *model, const pliant_data *data)
-{
-    return data->contact_search && thinnest_of(data->contact_search) < INFINITY && pliant_contact_turn(model, data) <= 1;
-}
-
-bool pliant_contact_may_pass(const pliant_model *model, const pliant_data *data) { return data->solver && may_pass(model, data); }
-
-/* how deep a point is in a tool, over how deep that is there; 0: it is of something else */
-static double deep_in_tool(const pliant_data *data, const pliant_contact_point *point)
-{
-    if (point->kind != PLIANT_OBSTACLE_TOOL) return 0;
-    return -gap_of(point, data->positions) / pliant_part_depth(data->tools[point->tool].shape.part + point->part);
-}
-
-double pliant_contact_deepest(const pliant_data *data, const pliant_contacts *points, const double *positions, bool began)
-{
-    double most = 0;
-    for (int32_t n = 0; n < points->count; n++) {
-        const pliant_contact_point *point = points->point + n;
-        if (point->kind != PLIANT_OBSTACLE_TOOL) continue;
-        const double gap = gap_of(point, positions) + (began ? dot(point->normal, point->drift) : 0);
-        most = fmax(most, -gap / pliant_part_depth(data->tools[point->tool].shape.part + point->part));
-    }
-    return most;
-}
-
-/* A piece that has been touched only now may get to the ground, too. */
-static void add_walls(pliant_data *data, pliant_contacts *points)
-{
-    const int32_t before = points->count;
-    if (!data->falling) return;
-    if (pliant_falling_find_walls(data, points) != PLIANT_OK) points->count = before;
-    if (points->count > before) qsort(points->point, (size_t)points->count, sizeof *points->point, pliant_contact_compare);
-}
-
-bool pliant_contact_passed(const pliant_model *model, pliant_data *data, const pliant_contact_start *start)
+pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share, pliant_advance_result *out)
 {
     pliant_contact_search *search = data->contact_search;
     const pliant_body *body = NULL;
     const double *positions = NULL;
-    if (search) search->passed = 0;
-    if (!may_pass(model, data) || choose_surface(model, data, &body, &positions) != PLIANT_OK) return false;
-    const double way = pliant_contact_way(search->finder, positions);
-    if (!(way > 0.25 * thinnest_of(search))) return false; /* it is where points were looked for */
-    search->made.count = 0;
-    pliant_status status = gather_parts(model, data, way);
-    if (status == PLIANT_OK) status = pliant_contact_find_passed(search->finder, body, positions, search->num_parts, search->part, &search->made);
-    if (status == PLIANT_OK && search->made.count > 0) status = pliant_contacts_reserve(start->points, start->points->count + search->made.count);
-    if (status != PLIANT_OK || search->made.count == 0) return false;
-    if (body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    for (int32_t n = 0; n < search->made.count; n++) search->passed = fmax(search->passed, deep_in_tool(data, search->made.point + n));
-    if (take_in(data, start, &search->made) == 0) return false;
-    add_walls(data, start->points);
-    return true;
-}
-
-void pliant_contact_forget_passed(pliant_data *data)
-{
-    if (data->contact_search) pliant_finder_forget_more(data->contact_search->finder);
-}
-
-double pliant_contact_passed_by(const pliant_data *data) { return data->contact_search ? data->contact_search->passed : 0; }
-
-double pliant_contact_deep_beside_patch(const pliant_data *data)
-{
-    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
-    double most = 0;
-    for (int32_t n = 0; n < data->contacts.count; n++) {
-        const pliant_contact_point *point = data->contacts.point + n;
-        if (!pliant_patch_holds(data, n) && !(pieces && pieces->of_node[point->node[0]] >= 0)) most = fmax(most, deep_in_tool(data, point));
+    pliant_status status = find_room(search);
+    for (int32_t p = 0; p < search->num_parts; p++) {
+        const pliant_leg_tool *leg = search->part[p].kind == PLIANT_OBSTACLE_TOOL ? data->legs->tool + search->part[p].tool : NULL;
+        if (leg) search->advance_part[p].to = share < 1 ? pliant_pose_partway(&leg->begin, &leg->goal, share) : leg->goal;
     }
-    return most;
+    if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
+    if (status != PLIANT_OK) return status;
+    return pliant_advance_find(search->advance, body->num_triangles, body->triangles, search->surface, positions, search->num_parts, search->advance_part,
+                               data->discretization->system->num_threads, out);
 }
 
-/* Whether something else presses the point's piece against the tool's part, with more than half of what that presses it with: there is no way out then. */
-static bool is_squeezed(const pliant_data *data, const int32_t *piece, const pliant_contact_point *point)
+static const pliant_moving_part *find_part(const pliant_contact_search *search, const pliant_contact_point *point)
 {
-    const double share = 0.5;
-    double against = 0, with = 0;
-    for (int32_t n = 0; n < data->contacts.count; n++) {
-        const pliant_contact_point *other = data->contacts.point + n;
-        const bool same = other->kind == point->kind && other->tool == point->tool && other->part == point->part;
-        double weight = 0;
-        for (int32_t k = 0; k < other->count; k++) weight += piece[other->node[k]] == piece[point->node[0]] ? other->weight[k] : 0;
-        const double pushes = weight * dot(other->force, point->normal);
-        if (same) with += pushes;
-        else against -= fmin(pushes, 0);
-    }
-    return against > 0 && against > share * with;
+    for (int32_t p = 0; p < search->num_parts; p++)
+        if (search->part[p].kind == PLIANT_OBSTACLE_TOOL && search->part[p].tool == point->tool && search->part[p].index == point->part) return search->part + p;
+    return NULL;
 }
 
-bool pliant_contact_piece_is_deep(pliant_data *data, const pliant_contact_start *start)
+void pliant_contact_follow_proxies(pliant_data *data)
 {
-    const double share = 0.1, firmer = 16, firmest = 65535;
-    const pliant_touch_pieces *pieces = pliant_falling_touch_pieces(data->falling);
-    bool any = false;
-    for (int32_t n = 0; n < data->contacts.count && pieces; n++) {
-        const pliant_contact_point *point = data->contacts.point + n;
-        const int32_t piece = pieces->of_node[point->node[0]];
-        if (piece < 0 || !(point->area > 0 && pieces->piece[piece].young > 0) || !pliant_falling_lies_free(data->falling, piece)) continue;
-        if (!(deep_in_tool(data, point) > share) || is_squeezed(data, pieces->of_node, point)) continue;
-        pliant_contact_point *begun = bsearch(point, start->points->point, (size_t)start->points->count, sizeof *point, pliant_contact_compare);
-        if (!begun || !(begun->firm < firmest)) continue;
-        begun->firm = firmer * (1 + begun->firm) - 1;
-        any = true;
-    }
-    return any;
-}
-
-void pliant_contact_goes_on_from_here(pliant_data *data)
-{
-    const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL; /* which have not gone yet */
     for (int32_t n = 0; n < data->contacts.count; n++) {
         pliant_contact_point *point = data->contacts.point + n;
-        if (!point->begun && !(pieces && pieces->of_node[point->node[0]] >= 0)) memset(point->drift, 0, sizeof point->drift);
+        const pliant_moving_part *part = point->kind == PLIANT_OBSTACLE_TOOL ? find_part(data->contact_search, point) : NULL;
+        if (!part) continue;
+        const pliant_tool *tool = data->tools + point->tool;
+        const pliant_tool_pose proxy = pliant_tool_proxy(tool);
+        pliant_pose now;
+        double local[3];
+        pliant_part_pose(&tool->shape, part->part->frame, proxy.tip, proxy.rotation, proxy.jaw, &now);
+        pliant_pose_from(&part->end, point->place, local);
+        pliant_pose_to(&now, local, point->place); /* its normal stays that of the cone that its force is in */
     }
 }
 
-void pliant_contact_end(pliant_data *data)
+/* All of it, by the middle of its parts and the ends of capsules. */
+static bool is_inside_at(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *at)
 {
-    for (int t = 0; t < data->num_tools; t++) {
-        pliant_tool *tool = data->tools + t;
-        tool->last.known = tool->present;
-        memcpy(tool->last.tip, tool->tip, sizeof tool->tip);
-        memcpy(tool->last.rotation, tool->rotation, sizeof tool->rotation);
-        tool->last.jaw = tool->jaw;
+    bool inside = true;
+    for (int32_t p = 0; p < tool->shape.num_parts && inside; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        double local[3][3], x[3];
+        pliant_pose pose;
+        pliant_part_pose(&tool->shape, part->frame, at->tip, at->rotation, at->jaw, &pose);
+        pliant_part_centre(part, local[0]);
+        memcpy(local[1], part->from, sizeof local[1]);
+        memcpy(local[2], part->to, sizeof local[2]);
+        for (int n = 0; n < (part->kind == PLIANT_PART_CAPSULE ? 3 : 1) && inside; n++) {
+            pliant_pose_to(&pose, local[n], x);
+            inside = pliant_clearance_of(model, data, x) < 0;
+        }
     }
+    return inside;
+}
+
+pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int index, const pliant_tool_pose *pose, bool *is_free, bool *is_inside)
+{
+    pliant_status status = begin(&data->contact_search);
+    if (status != PLIANT_OK) return status;
+    pliant_contact_search *search = data->contact_search;
+    const pliant_tool *tool = data->tools + index;
+    const pliant_body *body = NULL;
+    const double *positions = NULL;
+    pliant_advance_part part[PLIANT_MAX_PARTS];
+    int32_t count = 0;
+    for (int32_t p = 0; p < tool->shape.num_parts; p++)
+        part[count++] = (pliant_advance_part){.part = tool->shape.part + p, .shape = &tool->shape, .from = *pose, .to = *pose, .guard = guard_of(model, data, tool->shape.part + p),
+                                              .num_held = pliant_tool_grips(tool) ? tool->num_held : 0, .held = tool->held};
+    pliant_advance_audit_result found;
+    status = find_room(search);
+    if (status == PLIANT_OK) status = choose_surface(model, data, &body, &positions);
+    if (status == PLIANT_OK)
+        status = pliant_advance_audit(search->advance, body->num_triangles, body->triangles, positions, count, part, data->discretization->system->num_threads, &found);
+    if (status != PLIANT_OK) return status;
+    *is_free = found.least > 0;
+    *is_inside = is_inside_at(model, data, tool, pose);
+    return PLIANT_OK;
+}
+
+bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
+{
+    const pliant_contact_search *search = data->contact_search;
+    bool near = false;
+    for (int32_t p = 0; search && p < tool->shape.num_parts && !near; p++) {
+        const pliant_part *part = tool->shape.part + p;
+        const double way = pliant_part_way(&tool->shape, part, from, to) + margin;
+        double low[3], high[3];
+        pliant_pose pose;
+        pliant_part_pose(&tool->shape, part->frame, from->tip, from->rotation, from->jaw, &pose);
+        pliant_part_box(part, &pose, low, high);
+        near = true;
+        for (int d = 0; d < 3; d++) near = near && low[d] - way <= search->high[d] && high[d] + way >= search->low[d];
+    }
+    return near;
 }
 
 static void forget(pliant_contact_search *search)
 {
-    if (!search) return;
-    pliant_finder_forget(search->finder);
-    pliant_tissue_forget(&search->tissue);
+    if (search) pliant_tissue_forget(&search->tissue);
 }
 
 void pliant_contact_forget(pliant_data *data)
@@ -522,69 +467,29 @@ void pliant_contact_forget(pliant_data *data)
     forget(data->contact_search);
 }
 
-/* ---- to go on from there twice, and to go back to */
-
-/* Errors: MEMORY (there are no points then) */
-static pliant_status copy_known(const pliant_contact_search *from, const pliant_contacts *points, pliant_contact_search **to, pliant_contacts *out)
+pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
 {
-    out->count = 0;
-    if (!from) {
-        forget(*to);
-        return PLIANT_OK;
-    }
-    pliant_status status = begin(to);
-    if (status == PLIANT_OK) status = pliant_finder_copy(from->finder, (*to)->finder);
-    if (status == PLIANT_OK) status = pliant_tissue_copy(&from->tissue, &(*to)->tissue);
-    if (status == PLIANT_OK) status = pliant_contacts_copy(points, out);
+    to->contacts.count = 0;
+    forget(to->contact_search);
+    if (!from->contact_search) return PLIANT_OK;
+    pliant_status status = begin(&to->contact_search);
+    if (status == PLIANT_OK) status = pliant_tissue_copy(&from->contact_search->tissue, &to->contact_search->tissue);
+    if (status == PLIANT_OK) status = pliant_contacts_copy(&from->contacts, &to->contacts);
     return status;
 }
 
-pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
+void pliant_contact_free(pliant_data *data)
 {
-    return copy_known(from->contact_search, &from->contacts, &to->contact_search, &to->contacts);
-}
-
-pliant_status pliant_contact_keep(const pliant_data *data, pliant_contact_kept *kept)
-{
-    memcpy(kept->tools, data->tools, sizeof kept->tools);
-    return copy_known(data->contact_search, &data->contacts, &kept->search, &kept->points);
-}
-
-pliant_status pliant_contact_again(const pliant_contact_kept *kept, pliant_data *data)
-{
-    memcpy(data->tools, kept->tools, sizeof kept->tools);
-    return copy_known(kept->search, &kept->points, &data->contact_search, &data->contacts);
-}
-
-void pliant_contact_undo(pliant_contact_kept *kept, pliant_data *data)
-{
-    memcpy(data->tools, kept->tools, sizeof kept->tools);
-    pliant_contacts_exchange(&kept->points, &data->contacts);
-    if (!kept->search || !data->contact_search) {
-        pliant_contact_forget(data);
-        return;
-    }
-    pliant_finder *const finder = data->contact_search->finder;
-    const pliant_tissue tissue = data->contact_search->tissue;
-    data->contact_search->finder = kept->search->finder;
-    data->contact_search->tissue = kept->search->tissue;
-    kept->search->finder = finder;
-    kept->search->tissue = tissue;
-}
-
-static void free_known(pliant_contact_search *search, pliant_contacts *points)
-{
-    pliant_free(points->point);
+    pliant_contact_search *search = data->contact_search;
+    pliant_free(data->contacts.point);
     if (!search) return;
     pliant_finder_free(search->finder);
     pliant_tissue_free(&search->tissue);
     pliant_outside_free(&search->outside);
+    pliant_advance_free(search->advance);
+    pliant_free(search->surface);
     pliant_free(search->made.point);
-    pliant_free(search->pose);
     pliant_free(search->overlaps);
     pliant_free(search->place);
     pliant_free(search);
 }
-
-void pliant_contact_kept_free(pliant_contact_kept *kept) { free_known(kept->search, &kept->points); }
-void pliant_contact_free(pliant_data *data) { free_known(data->contact_search, &data->contacts); }

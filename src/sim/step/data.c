@@ -12,10 +12,9 @@
 #include "sim/step/contact.h"
 #include "sim/step/cut.h"
 #include "sim/build/discretization.h"
-#include "sim/step/frame_parts.h"
 #include "sim/step/held.h"
-#include "sim/step/substeps.h"
 #include "sim/step/state.h"
+#include "sim/step/legs.h"
 
 #include <string.h>
 
@@ -33,8 +32,8 @@ static pliant_status fill(const pliant_model *model, pliant_data *data)
     data->body = pliant_body_retain(model->body);
     data->discretization = pliant_discretization_retain(model->discretization);
     data->last_revision = data->body->revision;
-    data->parts = 1;
     if (!(data->clearance = pliant_clearance_create())) return pliant_fail_memory("the simulation state");
+    data->share = 1;
     data->positions = pliant_pages((size_t)data->body->fine.num_nodes, 3 * sizeof *data->positions);
     pliant_status status = data->positions ? pliant_host_solver_of(model)->create(model, data) : pliant_fail_memory("the simulation state");
     if (status != PLIANT_OK) return status;
@@ -82,10 +81,9 @@ void pliant_data_free(pliant_data *data)
     pliant_discretization_release(data->discretization);
     pliant_body_release(data->body);
     pliant_contact_free(data);
-    pliant_substeps_free(data);
-    pliant_frame_parts_free(data);
     pliant_rollback_free(data->rollback);
     pliant_clearance_free(data->clearance);
+    pliant_legs_free(data);
     pliant_free(data->positions);
     pliant_memory_keep(-(int64_t)data->keeps);
     pliant_free(data);

@@ -1,0 +1,443 @@
+#include "sim/step/legs.h"
+
+#include "backend/backend.h"
+#include "base/fail.h"
+#include "fem/dynamics/tled.h"
+#include "fem/patch/patch.h"
+#include "fem/quasistatic/solver.h"
+#include "pliant/memory.h"
+#include "sim/step/contact.h"
+#include "sim/step/stage.h"
+#include "tool/tool.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double fastest = 2.0;  /* of a tool's tip [m/s]; beyond it, it has jumped */
+static const double radius = 0.5;   /* of the largest cell: no tool near tissue goes further in a leg */
+static const double depths = 0.5;   /* explicit dynamics: of a part's depth, so far it and the tissue may go in a leg, together */
+static const double hardly = 1e-3;  /* of a leg: one that goes no further does not lead on */
+enum { MOST_LEGS = 32, MOST_BLOCKED = 4 /* in a row */ };
+
+static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
+
+/* ---- where the step begins: measured poses, and proxies of tools that have come or have jumped */
+
+static bool has_jumped(const pliant_scene *scene, const pliant_tool *tool)
+{
+    double way = 0;
+    for (int d = 0; d < 3; d++) way += (tool->tip[d] - tool->proxy.tip[d]) * (tool->tip[d] - tool->proxy.tip[d]);
+    way = sqrt(way);
+    return way > fastest * scene->solver.step || way > scene->contact.max_proxy_error;
+}
+
+/* A tool that has just come is where it is measured. Inside tissue it touches nothing until it is out of there. One that has jumped is placed if no tissue is
+ * there, and otherwise stays. */
+static pliant_status place_proxy(const pliant_model *model, pliant_data *data, int t)
+{
+    pliant_tool *tool = data->tools + t;
+    const pliant_tool_pose measured = pliant_tool_measured(tool);
+    const bool comes = !tool->present || !tool->proxy.known;
+    bool is_free = true, is_inside = false;
+    if (!comes && !tool->proxy.released && !has_jumped(&model->scene, tool)) return PLIANT_OK;
+    if (tool->present && tool->shape.num_parts > 0) {
+        pliant_status status = pliant_contact_is_free(model, data, t, &measured, &is_free, &is_inside);
+        if (status != PLIANT_OK) return status;
+    }
+    if (comes || tool->proxy.released) tool->proxy.released = is_inside || (tool->proxy.released && !is_free);
+    else if (!is_free || is_inside) return PLIANT_OK;
+    pliant_tool_set_proxy(tool, &measured);
+    memset(tool->proxy.pulls, 0, sizeof tool->proxy.pulls);
+    return PLIANT_OK;
+}
+
+/* Of a model or of a patch, whoever moves what the tool holds. */
+static pliant_handle *handle_of(const pliant_data *data, int tool) { return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL; }
+
+static pliant_status begin_step(const pliant_model *model, pliant_data *data)
+{
+    data->legs->told.count = 0;
+    data->legs->planes = false;
+    for (int t = 0; t < data->num_tools; t++) data->legs->tool[t].measured = pliant_tool_measured(data->tools + t);
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_leg_tool *leg = data->legs->tool + t;
+        const pliant_handle *handle = handle_of(data, t);
+        pliant_status status = place_proxy(model, data, t);
+        if (status != PLIANT_OK) return status;
+        if (handle) memcpy(leg->target, handle->target, sizeof leg->target);
+    }
+    return PLIANT_OK;
+}
+
+/* Tools are as they were set again; those without a shape are where they are measured. */
+static void end_step(pliant_data *data)
+{
+    pliant_statistics *statistics = &data->statistics;
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_tool *tool = data->tools + t;
+        const pliant_tool_pose *measured = &data->legs->tool[t].measured;
+        memcpy(tool->tip, measured->tip, sizeof tool->tip);
+        memcpy(tool->rotation, measured->rotation, sizeof tool->rotation);
+        tool->jaw = measured->jaw;
+        if (tool->shape.num_parts == 0) pliant_tool_set_proxy(tool, measured);
+        tool->proxy.known = tool->present;
+        double square = 0;
+        for (int d = 0; d < 3; d++) square += (tool->tip[d] - tool->proxy.tip[d]) * (tool->tip[d] - tool->proxy.tip[d]);
+        if (tool->present) statistics->proxy_error = fmax(statistics->proxy_error, sqrt(square));
+    }
+    data->share = 1;
+}
+
+/* ---- where a leg shall go */
+
+static void begin_leg(pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_leg_tool *leg = data->legs->tool + t;
+        double joint[3], axis[3];
+        leg->begin = pliant_tool_proxy(data->tools + t);
+        pliant_proxy_find_load(data, t, &leg->begin, &leg->before);
+        pliant_tool_joint(data->tools + t, &leg->begin, joint, axis);
+        pliant_contact_gives(data, t, true, joint, axis, leg->gives);
+    }
+}
+
+/* In a leg no tool near tissue goes further [m]. */
+static double most_of(const pliant_data *data)
+{
+    const double *cell = data->body->fine.cell_size;
+    return radius * fmax(fmax(cell[0], cell[1]), cell[2]);
+}
+
+/* Of the way to where it is measured, or so much of it that it goes that far at most: as much of it as its coupling is expected to take it along. */
+static double share_of(const pliant_model *model, pliant_data *data, int t, bool expected)
+{
+    const pliant_tool *tool = data->tools + t;
+    const pliant_leg_tool *leg = data->legs->tool + t;
+    const double most = most_of(data);
+    if (!tool->present || tool->shape.num_parts == 0) return 1;
+    double way = pliant_tool_way(tool, &leg->begin, &leg->measured);
+    if (way > most && expected) {
+        pliant_touch_piece couple[2];
+        pliant_tool_pose ahead;
+        double axis[3];
+        pliant_proxy_couple(&model->scene, tool, &leg->begin, &leg->measured, &leg->before, leg->gives, &ahead, couple, axis);
+        way = pliant_tool_way(tool, &leg->begin, &ahead);
+    }
+    return way > most && pliant_contact_comes_near(data, tool, &leg->begin, &leg->measured) ? most / way : 1;
+}
+
+/* All that is left, or as much of it as tools near tissue go that far in. */
+static double choose_share(const pliant_model *model, pliant_data *data)
+{
+    double share = 1;
+    for (int t = 0; t < data->num_tools; t++) share = fmin(share, share_of(model, data, t, true));
+    return share;
+}
+
+/* Sub-steps of explicit dynamics that may be made with one set of points. */
+static double choose_part(const pliant_model *model, pliant_data *data)
+{
+    pliant_tled *tled = data->tled;
+    const int32_t left = tled->substeps - tled->made;
+    const double deeps = pliant_contact_deeps(model, data, tled->d, left);
+    tled->part = deeps > depths ? (int32_t)fmax(floor(left * depths / deeps), 1) : left;
+    return (double)tled->part / left;
+}
+
+/* Explicit dynamics: a proxy that has stayed behind catches up no faster than tools are followed. */
+static double limit_speed(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_leg_tool *leg, double share)
+{
+    const double most = fastest * model->scene.solver.step * data->share;
+    const double way = tool->shape.num_parts > 0 ? share * pliant_tool_way(tool, &leg->begin, &leg->measured) : 0;
+    return way > most ? most / way : 1;
+}
+
+/* Proxies go on from where they are, tools act from where they are expected, and springs of tools that hold pull that far. */
+static void set_goals(const pliant_model *model, pliant_data *data, double share)
+{
+    const bool dynamic = is_dynamic(data);
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_tool *tool = data->tools + t;
+        pliant_leg_tool *leg = data->legs->tool + t;
+        pliant_handle *handle = handle_of(data, t);
+        const double own = dynamic ? share * limit_speed(model, data, tool, leg, share) : fmin(share, share_of(model, data, t, false));
+        leg->goal = pliant_pose_partway(&leg->begin, &leg->measured, own);
+        pliant_proxy_couple(&model->scene, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead, data->legs->proxy + 2 * t, leg->axis);
+        if (data->tled) leg->goal = leg->ahead;
+        memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
+        memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
+        tool->jaw = leg->ahead.jaw;
+        for (int d = 0; d < 3 && handle && pliant_handle_is_spring(handle); d++) handle->target[d] = leg->target[d] + (leg->goal.tip[d] - leg->measured.tip[d]);
+    }
+}
+
+/* ---- a leg */
+
+/* contact/response paper without its delay looks for what overlaps in every sub-step */
+static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
+
+static pliant_status solve(const pliant_model *model, pliant_data *data)
+{
+    const pliant_backend *backend = data->backend;
+    pliant_solver *solver = data->solver;
+    if (data->contacts.count > 0 && !backend->on_host && (!backend->touches || searches_on_the_way(model)))
+        return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "tissue is near something, and that contact is the CPU's");
+    const double start = solver ? solver->clock(solver->clock_user) : 0;
+    const pliant_status status = backend->solve(model, data);
+    if (solver) solver->spent += solver->clock(solver->clock_user) - start;
+    return status;
+}
+
+static pliant_status upsample(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = data->backend->upsample(model, data);
+    const bool brings = !pliant_contact_is_idle(model, data) || pliant_host_moves(data);
+    return status >= 0 && brings && data->backend->bring ? data->backend->bring(model, data) : status;
+}
+
+/* Patches and pieces that have come off, by the CPU, whoever runs the other stages. */
+static pliant_status patch(const pliant_model *model, pliant_data *data)
+{
+    pliant_status status = PLIANT_OK;
+    if (data->patch) {
+        const double start = data->solver->clock(data->solver->clock_user);
+        status = pliant_patch_step(data);
+        data->solver->spent += data->solver->clock(data->solver->clock_user) - start;
+        pliant_pull_report(data);
+        if (status < 0) return status;
+    }
+    if (data->falling && data->share > 0) {
+        const bool anew = pliant_falling_step(data);
+        for (int t = 0; t < data->num_tools; t++) pliant_tool_report(data, t, NULL);
+        if (anew && (status = pliant_backend_restart(model, data)) < 0) return status;
+    }
+    return status;
+}
+
+static pliant_status lead(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+{
+    pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, patch};
+    *caveat = PLIANT_OK;
+    for (int n = 0; n < 3; n++) {
+        const pliant_status status = pliant_run_stage(model, data, PLIANT_STEP_solve + n, functions[n]);
+        if (status < 0) return status;
+        if (status > 0) *caveat = status;
+    }
+    return PLIANT_OK;
+}
+
+/* By whichever backend; one that fails leaves the host's state as it was, from where the CPU goes. */
+static pliant_status lead_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+{
+    const pliant_status status = lead(model, data, caveat);
+    return status < 0 && pliant_backend_fall_back(model, data, status) ? lead(model, data, caveat) : status;
+}
+
+/* From here on only what is planned for this step of what is made in the background may come in: a step that waits for nothing tells what it took as a whole. */
+static void take_no_more(pliant_data *data)
+{
+    if (data->background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
+}
+
+/* Where couplings let proxies go, and how much of the leg may be gone until one of them pulls with all that it may. */
+static double yield(const pliant_model *model, pliant_data *data)
+{
+    double share = 1;
+    for (int t = 0; t < data->num_tools; t++) {
+        pliant_tool *tool = data->tools + t;
+        pliant_leg_tool *leg = data->legs->tool + t;
+        pliant_proxy_load load;
+        if (!tool->present || tool->shape.num_parts == 0) continue;
+        pliant_proxy_find_load(data, t, &leg->ahead, &load);
+        const double limit = pliant_proxy_limit(&model->scene, tool, &leg->before, &load);
+        if (data->tled) continue;
+        leg->goal = pliant_proxy_yield(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
+        share = fmin(share, limit);
+    }
+    return share;
+}
+
+static bool is_of_piece(const pliant_data *data, int32_t node) { return data->falling && pliant_falling_home(data->falling, node); }
+
+/* How much of a leg may be gone until a node is twice as far from where it began as tools may go, where tissue touches something: what a plain step makes of tissue
+ * that is far from rest may be far off (CONTACT: the step is scaled). */
+static double bound(const pliant_data *data)
+{
+    const double most = 2 * most_of(data);
+    double farthest = 0;
+    bool touches = false;
+    for (int32_t p = 0; p < data->contacts.count && !touches; p++) touches = !is_of_piece(data, data->contacts.point[p].node[0]);
+    for (int32_t n = 0; touches && n < data->body->fine.num_nodes; n++) {
+        const double *from = data->legs->positions + 3 * (size_t)n, *to = data->positions + 3 * (size_t)n;
+        const double square = (to[0] - from[0]) * (to[0] - from[0]) + (to[1] - from[1]) * (to[1] - from[1]) + (to[2] - from[2]) * (to[2] - from[2]);
+        if (square > farthest && !is_of_piece(data, n)) farthest = square;
+    }
+    return farthest > most * most ? most / sqrt(farthest) : 1;
+}
+
+/* Explicit dynamics: what stops a leg is most often a tool that pushes tissue faster than that makes way. Then the tool stays behind, and the tissue keeps its
+ * momentum. *out: of tissue and tools together, where tools alone are not enough */
+static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pliant_advance_result *out)
+{
+    enum { MOST = 3 };
+    const double short_of = 0.99; /* of what is possible: that is bounded from below */
+    pliant_status status = PLIANT_OK;
+    for (int again = 0; again < MOST && out->t < 1 && status == PLIANT_OK; again++) {
+        const double share = again + 1 < MOST ? short_of * out->t : 0;
+        for (int t = 0; t < data->num_tools; t++) {
+            pliant_leg_tool *leg = data->legs->tool + t;
+            leg->goal = pliant_pose_partway(&leg->begin, &leg->goal, share);
+        }
+        status = pliant_contact_advance(model, data, 1, out);
+    }
+    return status;
+}
+
+/* Pieces turn on arcs, and a part of their way ends elsewhere than nodes on straight lines do. Where all is then is looked at once more: half as far, as often as
+ * it takes, and then not at all. */
+static pliant_status go_partway(const pliant_model *model, pliant_data *data, double *share)
+{
+    enum { MOST = 4 };
+    const double nearly = 1 - 1e-6; /* what is left of a leg is less than the distance that all pairs keep */
+    pliant_status status = pliant_legs_go_partway(model, data, *share);
+    for (int again = 0; again < MOST && data->falling && *share > 0 && status >= 0; again++) {
+        pliant_advance_result found;
+        status = pliant_contact_advance(model, data, *share, &found);
+        if (status < 0 || found.t >= nearly) break;
+        const double less = again + 1 < MOST ? 0.5 : 0;
+        *share *= less;
+        status = pliant_legs_go_partway(model, data, less);
+    }
+    return status;
+}
+
+/* The leg ends as far as it may: tissue and tools together. */
+static pliant_status go(const pliant_model *model, pliant_data *data, double *share)
+{
+    pliant_advance_result found;
+    *share = fmin(yield(model, data), data->solver && data->legs->blocked ? bound(data) : 1);
+    pliant_status status = pliant_contact_advance(model, data, 1, &found);
+    if (status == PLIANT_OK && is_dynamic(data)) status = hold_tools(model, data, &found);
+    if (status < 0) return status;
+    *share = fmin(*share, found.t);
+    if (*share < 1) status = go_partway(model, data, share);
+    for (int t = 0; t < data->num_tools && status >= 0; t++) {
+        const pliant_tool_pose end = pliant_pose_partway(&data->legs->tool[t].begin, &data->legs->tool[t].goal, *share);
+        pliant_tool_set_proxy(data->tools + t, &end);
+    }
+    pliant_contact_follow_proxies(data);
+    return status;
+}
+
+/* ---- the step */
+
+/* What legs have left of it. */
+typedef struct leg_budget { int32_t evaluations, spent /* 1 or more in each leg */, iterations; double left, gone; int blocked; bool first; } leg_budget;
+
+/* Beyond the first one, by the share of the way. What has stopped a leg has points now, which a plain step keeps as the linear model has them: it is not judged. */
+static int32_t choose_evaluations(const leg_budget *budget, double share)
+{
+    return budget->gone < 1 ? 0 : (int32_t)fmax(1, round(share * (budget->evaluations - budget->spent)));
+}
+
+static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *caveat, bool *done)
+{
+    pliant_statistics *statistics = &data->statistics;
+    const int32_t limit = data->solver ? data->solver->rules.most_evaluations : 0;
+    double gone = 1;
+    begin_leg(data);
+    const double share = is_dynamic(data) ? choose_part(model, data) : choose_share(model, data);
+    data->share = share * budget->left;
+    if (!budget->first) take_no_more(data);
+    set_goals(model, data, share);
+    data->legs->blocked = budget->gone < 1;
+    data->legs->planes = data->legs->planes || data->legs->blocked;
+    pliant_patch_rest(data, data->legs->blocked);
+    pliant_status status = pliant_legs_keep(model, data);
+    if (status == PLIANT_OK) status = pliant_run_stage(model, data, PLIANT_STEP_contact, pliant_contact_stage);
+    if (status == PLIANT_OK) status = pliant_legs_keep_points(data);
+    if (status != PLIANT_OK) return status;
+    if (data->solver) data->solver->rules.most_evaluations = choose_evaluations(budget, share);
+    status = lead_or_fall_back(model, data, caveat);
+    if (data->solver) data->solver->rules.most_evaluations = limit;
+    if (status >= 0) status = go(model, data, &gone);
+    if (status < 0) return status;
+    budget->first = false;
+    budget->spent += (int32_t)fmax(statistics->iterations, 1);
+    budget->iterations += statistics->iterations;
+    budget->gone = gone;
+    budget->blocked = gone < hardly ? budget->blocked + 1 : 0;
+    statistics->legs++;
+    statistics->advanced = gone;
+    *done = share == 1 && gone == 1 && !data->legs->blocked; /* after a plain step comes one that is judged */
+    if (is_dynamic(data)) { /* time passes, whatever is in the way */
+        budget->left = 1 - (double)data->tled->made / data->tled->substeps;
+        *done = data->tled->made == 0;
+        return pliant_legs_add_forces(data, data->share);
+    }
+    budget->left *= 1 - share * gone;
+    if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
+    else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
+    else if (budget->blocked == MOST_BLOCKED || statistics->legs == MOST_LEGS) statistics->ended = PLIANT_STEP_END_BLOCKED;
+    *done = *done || statistics->ended != PLIANT_STEP_END_NONE;
+    return PLIANT_OK;
+}
+
+/* gone: by the last leg of the step before */
+static pliant_status run_legs(const pliant_model *model, pliant_data *data, double gone, pliant_status *caveat)
+{
+    leg_budget budget = {.evaluations = data->solver ? data->solver->rules.most_evaluations : 0, .left = 1, .gone = gone, .first = true};
+    const pliant_background background = data->background;
+    bool done = false;
+    if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
+    pliant_status status = begin_step(model, data);
+    if (data->tled) data->tled->made = data->tled->part = 0;
+    while (status >= 0 && !done) status = run_leg(model, data, &budget, caveat, &done);
+    data->background = (pliant_background){.kind = background.kind, .prescribed = background.prescribed, .taken = data->background.taken};
+    if (status >= 0) pliant_legs_tell_forces(data);
+    data->statistics.iterations = budget.iterations;
+    bool saturated = false;
+    for (int t = 0; t < data->num_tools; t++) saturated = saturated || (data->tools[t].present && data->tools[t].proxy.saturated);
+    if (saturated && data->statistics.ended == PLIANT_STEP_END_NONE) data->statistics.ended = PLIANT_STEP_END_FORCE_LIMIT;
+    end_step(data);
+    return status;
+}
+
+pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data)
+{
+    if (!data->legs && !(data->legs = pliant_calloc(1, sizeof *data->legs))) return pliant_fail_memory("contacts");
+    pliant_status status = begin_step(model, data);
+    begin_leg(data);
+    set_goals(model, data, 1);
+    return status == PLIANT_OK ? pliant_contact_stage(model, data) : status;
+}
+
+void pliant_legs_arrive(pliant_data *data)
+{
+    for (int t = 0; t < data->num_tools; t++) pliant_tool_set_proxy(data->tools + t, &data->legs->tool[t].goal);
+    end_step(data);
+}
+
+pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat)
+{
+    pliant_statistics *statistics = &data->statistics;
+    const double gone = statistics->step > 0 ? statistics->advanced : 1;
+    statistics->legs = 0;
+    statistics->advanced = 1;
+    statistics->proxy_error = 0;
+    statistics->ended = PLIANT_STEP_END_NONE;
+    data->share = 1;
+    if (data->solver) data->solver->spent = 0;
+    if (!pliant_contact_is_idle(model, data)) return run_legs(model, data, gone, caveat);
+    pliant_contact_forget(data);
+    data->bodies = NULL;
+    if (data->tled) data->tled->made = data->tled->part = 0;
+    statistics->legs = 1;
+    for (int t = 0; t < data->num_tools; t++) {
+        const pliant_tool_pose measured = pliant_tool_measured(data->tools + t);
+        pliant_tool_set_proxy(data->tools + t, &measured);
+        data->tools[t].proxy.known = data->tools[t].present;
+    }
+    return lead_or_fall_back(model, data, caveat);
+}

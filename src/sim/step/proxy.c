@@ -1,0 +1,178 @@
+#include "sim/step/proxy.h"
+
+#include "base/rotate.h"
+
+#include <math.h>
+#include <string.h>
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static double distance(const double *a, const double *b)
+{
+    const double apart[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return sqrt(dot(apart, apart));
+}
+
+/* ---- poses */
+
+pliant_tool_pose pliant_tool_measured(const pliant_tool *tool)
+{
+    pliant_tool_pose pose = {.jaw = tool->jaw};
+    memcpy(pose.tip, tool->tip, sizeof pose.tip);
+    memcpy(pose.rotation, tool->rotation, sizeof pose.rotation);
+    return pose;
+}
+
+pliant_tool_pose pliant_tool_proxy(const pliant_tool *tool)
+{
+    pliant_tool_pose pose = {.jaw = tool->proxy.jaw};
+    memcpy(pose.tip, tool->proxy.tip, sizeof pose.tip);
+    memcpy(pose.rotation, tool->proxy.rotation, sizeof pose.rotation);
+    return pose;
+}
+
+void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose)
+{
+    memcpy(tool->proxy.tip, pose->tip, sizeof pose->tip);
+    memcpy(tool->proxy.rotation, pose->rotation, sizeof pose->rotation);
+    tool->proxy.jaw = pose->jaw;
+}
+
+pliant_tool_pose pliant_pose_partway(const pliant_tool_pose *from, const pliant_tool_pose *to, double share)
+{
+    pliant_tool_pose out;
+    pliant_tool_pose_between(from, to, share, &out);
+    return out;
+}
+
+double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from, const pliant_tool_pose *to)
+{
+    const double origin[3] = {0, 0, 0}, turn = part->frame == PLIANT_FRAME_TIP ? 0 : 0.5 * fabs(to->jaw - from->jaw);
+    return distance(to->tip, from->tip) + turn * pliant_part_reach(part, shape->joint) + pliant_rotation_angle(from->rotation, to->rotation) * pliant_part_reach(part, origin);
+}
+
+double pliant_tool_way(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to)
+{
+    double way = distance(to->tip, from->tip);
+    for (int32_t p = 0; p < tool->shape.num_parts; p++) way = fmax(way, pliant_part_way(&tool->shape, tool->shape.part + p, from, to));
+    return way;
+}
+
+/* ---- the coupling */
+
+void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, double joint[3], double axis[3])
+{
+    const double size = sqrt(dot(tool->shape.axis, tool->shape.axis));
+    pliant_rotate(pose->rotation, tool->shape.joint, joint);
+    pliant_rotate(pose->rotation, tool->shape.axis, axis);
+    for (int d = 0; d < 3; d++) {
+        joint[d] += pose->tip[d];
+        axis[d] /= size > 0 ? size : 1;
+    }
+}
+
+void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_tool_pose *pose, pliant_proxy_load *out)
+{
+    const pliant_tool *tool = data->tools + index;
+    double joint[3], axis[3];
+    memset(out, 0, sizeof *out);
+    pliant_tool_joint(tool, pose, joint, axis);
+    for (int32_t p = 0; p < data->contacts.count; p++) {
+        const pliant_contact_point *point = data->contacts.point + p;
+        if (point->kind != PLIANT_OBSTACLE_TOOL || point->tool != index) continue;
+        for (int d = 0; d < 3; d++) {
+            const int e = (d + 1) % 3, f = (d + 2) % 3;
+            out->wrench[d] -= point->force[d];
+            out->wrench[3 + d] -= (point->place[e] - pose->tip[e]) * point->force[f] - (point->place[f] - pose->tip[f]) * point->force[e];
+            out->jaw -= 0.5 * point->jaw * axis[d] * ((point->place[e] - joint[e]) * point->force[f] - (point->place[f] - joint[f]) * point->force[e]);
+        }
+    }
+}
+
+/* a after b */
+static void multiply(const double a[4], const double b[4], double out[4])
+{
+    out[3] = a[3] * b[3] - dot(a, b);
+    for (int d = 0; d < 3; d++) out[d] = a[3] * b[d] + b[3] * a[d] + a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+}
+
+pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_touch_piece couple[2], const pliant_proxy_load *load)
+{
+    pliant_tool_pose out = *from;
+    double moved[6], turn[4], jaw[6], torque[6] = {0}, joint[3], axis[3];
+    pliant_tool_joint(tool, from, joint, axis);
+    for (int d = 0; d < 3; d++) torque[3 + d] = axis[d] * load->jaw;
+    for (int k = 0; k < 6; k++) {
+        moved[k] = pliant_piece_moves(couple, load->wrench, k);
+        jaw[k] = pliant_piece_moves(couple + 1, torque, k);
+    }
+    for (int d = 0; d < 3; d++) out.tip[d] += moved[d];
+    const double angle = sqrt(dot(moved + 3, moved + 3));
+    for (int d = 0; d < 3; d++) turn[d] = moved[3 + d] * (angle > 0 ? sin(0.5 * angle) / angle : 0.5);
+    turn[3] = cos(0.5 * angle);
+    if (angle > 0 && dot(from->rotation, from->rotation) + from->rotation[3] * from->rotation[3] > 0) multiply(turn, from->rotation, out.rotation);
+    if (pliant_tool_shape_has_jaws(&tool->shape)) out.jaw += dot(axis, jaw + 3);
+    return out;
+}
+
+/* Compliance of a coupling whose proxy is so far from its goal. Under a load near the limit it is as soft as keeps the load below that; up to 3/4 of the limit
+ * it is as stiff as it was set to be. */
+static double comply(double stiffness, double error, double load, double limit)
+{
+    const double softens = fmin(fmax(5 * load / limit - 3.75, 0), 1); /* 0 to 1 between 0.75 and 0.95 of the limit */
+    return fmax(1 / stiffness, softens * error / limit);
+}
+
+static double reach_of(const pliant_tool *tool)
+{
+    const double origin[3] = {0, 0, 0};
+    double reach = 0;
+    for (int32_t p = 0; p < tool->shape.num_parts; p++) reach = fmax(reach, pliant_part_reach(tool->shape.part + p, origin));
+    return reach;
+}
+
+/* turn[3]: axis times angle [rad] from one rotation to another */
+static void turn_between(const double from[4], const double to[4], double turn[3])
+{
+    const double back[4] = {-from[0], -from[1], -from[2], from[3]};
+    double q[4];
+    multiply(to, back, q);
+    const double sine = sqrt(dot(q, q)), sign = q[3] < 0 ? -1 : 1, angle = 2 * atan2(sine, sign * q[3]);
+    for (int d = 0; d < 3; d++) turn[d] = sine > 0 ? sign * q[d] * angle / sine : 0;
+}
+
+void pliant_proxy_couple(const pliant_scene *scene, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
+                         const double gives[2], pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3])
+{
+    const double most = scene->contact.max_force, lever = most * fmax(reach_of(tool), 1e-3), turn_stiffness = scene->contact.coupling_stiffness_rotational;
+    const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
+    const double shift = comply(scene->contact.coupling_stiffness, distance(begin->tip, goal->tip), fmax(sqrt(dot(wrench, wrench)), pulls[0]), most);
+    const double turn = comply(turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation), fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
+    const double jaw = comply(turn_stiffness, fabs(goal->jaw - begin->jaw), fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) + gives[1];
+    memset(out, 0, 2 * sizeof *out);
+    for (int k = 0; k < 6; k++) out[0].answer[7 * k] = k < 3 ? shift + gives[0] : turn;
+    pliant_tool_joint(tool, goal, out[1].centre, axis);
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) out[1].answer[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
+    *ahead = pliant_proxy_yield(tool, goal, out, before);
+    memcpy(out[0].centre, ahead->tip, sizeof out[0].centre);
+    for (int d = 0; d < 3; d++) out[0].free[d] = goal->tip[d] - ahead->tip[d];
+    turn_between(ahead->rotation, goal->rotation, out[0].free + 3);
+    pliant_tool_joint(tool, ahead, out[1].centre, axis);
+    for (int d = 0; d < 3; d++) out[1].free[3 + d] = axis[d] * (goal->jaw - ahead->jaw);
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++) out[1].answer[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
+}
+
+/* fraction of a change from a to b that ends at a limit between them */
+static double until(double a, double b, double limit) { return a < limit && b > limit ? (limit - a) / (b - a) : 1; }
+
+double pliant_proxy_limit(const pliant_scene *scene, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after)
+{
+    const double over = 1.02, nearly = 0.95; /* of a limit */
+    const double force = sqrt(dot(after->wrench, after->wrench)), most = scene->contact.max_force, torque = fabs(after->jaw), grip = scene->contact.grip_torque;
+    tool->proxy.pulls[0] = force;
+    tool->proxy.pulls[1] = sqrt(dot(after->wrench + 3, after->wrench + 3));
+    tool->proxy.pulls[2] = torque;
+    tool->proxy.saturated = force > nearly * most || torque > nearly * grip;
+    return fmin(until(sqrt(dot(before->wrench, before->wrench)), force, over * most), until(fabs(before->jaw), torque, over * grip));
+}

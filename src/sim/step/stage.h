@@ -1,0 +1,17 @@
+/* Stages of a step, each timed by the same code. */
+#ifndef PLIANT_SIM_STAGE_H
+#define PLIANT_SIM_STAGE_H
+
+#include "base/threads.h"
+#include "state/data.h"
+
+/* Runs one, and adds its time to that of the stage. */
+static inline pliant_status pliant_run_stage(const pliant_model *model, pliant_data *data, int stage, pliant_status (*function)(const pliant_model *, pliant_data *))
+{
+    const double start = pliant_seconds();
+    const pliant_status status = function(model, data);
+    data->statistics.seconds[stage] += pliant_seconds() - start;
+    return status;
+}
+
+#endif
