@@ -251,7 +251,7 @@ class Python(unittest.TestCase):
         self.assertAlmostEqual(max(told.depths.max(), 0), sim.statistics["penetration"], delta=1e-9)
         self.assertGreater(probe.force[1], 0.05)  # into the tissue
         np.testing.assert_allclose(probe.force, told.forces.sum(axis=0), rtol=1e-12, atol=1e-15)
-        torque = np.cross(told.points - probe.state["tip"], told.forces).sum(axis=0)
+        torque = np.cross(told.points - probe.proxy.tip, told.forces).sum(axis=0)
         np.testing.assert_allclose(probe.wrench, np.concatenate([probe.force, torque]), rtol=1e-9, atol=1e-15)
         nodal = sim.scalar("contact_force")
         self.assertGreater(nodal.max(), 0.01)
@@ -263,7 +263,7 @@ class Python(unittest.TestCase):
         held, told = probe.state, probe.contacts
         self.assertGreater(len(told), 0)
         np.testing.assert_allclose(probe.force, told.forces.sum(axis=0) + [0.1, 0, 0], rtol=1e-12)
-        torque = np.cross(told.points - held["tip"], told.forces).sum(axis=0) + np.cross(held["held_point"] - held["tip"], [0.1, 0, 0])
+        torque = np.cross(told.points - held["proxy_tip"], told.forces).sum(axis=0) + np.cross(held["held_point"] - held["proxy_tip"], [0.1, 0, 0])
         np.testing.assert_allclose(probe.wrench[3:], torque, rtol=1e-9)
         probe.release()
         probe.shape(None)
@@ -274,6 +274,36 @@ class Python(unittest.TestCase):
             probe.shape("spoon")
         with self.assertRaisesRegex(pliant.Error, "finite"):
             probe.jaw(np.nan)
+
+    def test_a_proxy_stays_behind_at_the_force_limit(self):
+        limit = 0.02  # [N]
+        sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30, "contact/max_force": limit}), shapes=True)
+        probe, bare = sim.tool("probe"), sim.tool("bare")
+        probe.shape("probe")
+        skin, inwards = np.array([-0.027, -0.125, -0.025]), np.array([-0.5 ** 0.5, 0, 0, 0.5 ** 0.5])  # the rod comes along y
+        bare.move(skin + [0, -0.05, 0])
+        probe.move(skin + [0, -0.01, 0], inwards)
+        sim.step()
+        self.assertEqual((sim.statistics["legs"], sim.statistics["ended"], sim.statistics["ended_text"]), (1, 0, "everything is where it should be"))
+        self.assertFalse(probe.saturated)
+        np.testing.assert_array_equal(probe.proxy_error, np.zeros(3))
+        for step in range(20):
+            tip = skin + [0, 0.001 * step, 0]
+            probe.move(tip, inwards)
+            sim.step()
+        told = sim.statistics
+        self.assertTrue(probe.saturated)
+        self.assertGreater(probe.proxy_error[1], 0.002)
+        np.testing.assert_allclose(probe.proxy.tip, tip - probe.proxy_error, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(probe.proxy.rotation, inwards, rtol=0, atol=0.05)
+        self.assertAlmostEqual(told["proxy_error"], np.linalg.norm(probe.proxy_error), delta=1e-15)
+        self.assertIn("presses with contact/max_force", told["ended_text"])
+        self.assertLess(np.linalg.norm(probe.force), 1.05 * limit)
+        self.assertGreater(np.linalg.norm(probe.force), 0.9 * limit)
+        self.assertTrue(0 <= told["advanced"] <= 1 and told["legs"] >= 1)
+        # a tool without a shape is its own proxy
+        np.testing.assert_array_equal(bare.proxy.tip, skin + [0, -0.05, 0])
+        self.assertFalse(bare.saturated or bare.proxy_error.any())
 
     def test_a_jaw_opens_into_the_tissue(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -349,7 +379,7 @@ class Python(unittest.TestCase):
                     member = getattr(of, name)
                     member(*calls.get(name, ()))
                 tested += 1
-        self.assertEqual(tested, 46)
+        self.assertEqual(tested, 49)
         for name, value in (("nodes", nodes), ("gravity", [0, 0, 0])):
             with self.assertRaisesRegex(pliant.Error, "this simulation is closed"):
                 setattr(sim, name, value)

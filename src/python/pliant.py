@@ -17,6 +17,7 @@ import functools
 import operator
 import os
 import threading
+import typing
 import weakref
 
 import numpy as np
@@ -28,7 +29,7 @@ else:
 
 Error = _c.Error
 
-__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Displacement", "Cut", "Contacts", "Picture", "look_at", "options", "version"]
+__all__ = ["Error", "Model", "Sim", "Tool", "Volume", "Displacement", "Cut", "Contacts", "Proxy", "Picture", "look_at", "options", "version"]
 
 
 def version():
@@ -240,6 +241,13 @@ class Contacts:
         return Contacts(self._told[self.tools == tool])
 
 
+class Proxy(typing.NamedTuple):
+    """Pose of a simulated tool: tip (3) [m], rotation quaternion x y z w, jaw [rad]."""
+    tip: np.ndarray
+    rotation: np.ndarray
+    jaw: float
+
+
 class Picture:
     """What a camera sees: rgb (height, width, 3) uint8, depth along z [m], NaN where nothing is, label (height, width) of the tissue: a number in
     Model.materials plus 1, 0 for none."""
@@ -443,9 +451,9 @@ class Sim:
 
     @property
     def statistics(self):
-        """Of the last step, by the names of pliant_statistics."""
+        """Of the last step, by the names of pliant_statistics. ended is a number, and ended_text why the step ended early."""
         told = _c.Struct("pliant_statistics", _c.library.pliant_data_get_statistics(self._data))
-        return {name: told[name] for name in told.fields}
+        return dict({name: told[name] for name in told.fields}, ended_text=_c.library.pliant_step_end_text(told["ended"]).decode())
 
     @property
     def error(self):
@@ -705,10 +713,26 @@ class Tool:
 
     @property
     def wrench(self):
-        """(6) force [N], and torque about the tip [N m]."""
+        """(6) force [N], and torque about the proxy's tip [N m]."""
         told = self._get()
-        torque = np.cross(told["held_point"] - told["tip"], told["force"]) + told["contact_torque"]
+        torque = np.cross(told["held_point"] - told["proxy_tip"], told["force"]) + told["contact_torque"]
         return np.concatenate([told["force"] + told["contact_force"], torque])
+
+    @property
+    def proxy(self):
+        """The simulated tool that tissue stops, after the last step, as a Proxy. A tool without a shape is its own proxy."""
+        told = self._get()
+        return Proxy(told["proxy_tip"], told["proxy_rotation"], told["proxy_jaw"])
+
+    @property
+    def proxy_error(self):
+        """(3) measured tip minus the proxy's tip [m]."""
+        return self._get()["proxy_error"]
+
+    @property
+    def saturated(self):
+        """Whether its coupling pulls with contact/max_force, or its jaws close with contact/grip_torque."""
+        return self._get()["saturated"]
 
     @property
     def contacts(self):

@@ -74,7 +74,7 @@ for _result, _name, *_arguments in (
         (_int, "data_create", _pointer, _pointer), (None, "data_free", _pointer), (_int, "data_reset", _pointer, _pointer),
         (_int, "data_copy", _pointer, _pointer, _pointer), (_int, "data_take", _pointer, _pointer, _pointer),
         (_int, "step", _pointer, _pointer), (_pointer, "data_get_body", _pointer), (_pointer, "data_get_positions", _pointer, _pointer),
-        (_pointer, "data_get_statistics", _pointer), (_text, "data_get_backend", _pointer), (None, "data_get_gravity", _pointer, _pointer),
+        (_pointer, "data_get_statistics", _pointer), (_text, "data_get_backend", _pointer), (_text, "step_end_text", ctypes.c_int32), (None, "data_get_gravity", _pointer, _pointer),
         (_int, "data_set_gravity", _pointer, _pointer), (_int, "data_set_positions", _pointer, _pointer, _pointer),
         (_int, "data_set_limits", _pointer, _int, _double), (_int, "data_get_inverted", _pointer),
         (_int, "data_get_scalar", _pointer, _pointer, _int, _pointer),
