@@ -10,10 +10,12 @@ import unittest
 import numpy
 import rospy
 import rostest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from pliant.msg import ContactState, Step
+from pliant.msg import ContactState, Step, StepTiming
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Launch, Node, wait_for  # noqa: E402
@@ -99,6 +101,10 @@ class Pairs:
             subscriber.unregister()
 
 
+def row(vector):
+    return numpy.array([vector.x, vector.y, vector.z])
+
+
 def rows(vectors):
     return numpy.array([(each.x, each.y, each.z) for each in vectors]).reshape(-1, 3)
 
@@ -127,6 +133,7 @@ class ContactTest(unittest.TestCase):
             cls.node.wait_until_running()
             cls.forceps = Arm("PSM1", 0, "PROGRASP_FORCEPS:420093", cls.steps)
             cls.probe = Arm("PSM2", 1, "probe", cls.steps)
+            cls.diagnostics = Latest("/diagnostics", DiagnosticArray)
         except BaseException:
             cls.live.stop()
             raise
@@ -162,7 +169,7 @@ class ContactTest(unittest.TestCase):
         self.probe.way(TOP + [0, 0, 0.01], tip, 6)
 
         def agrees(contact, wrench):
-            told = pressed(contact, tip)
+            told = pressed(contact, row(contact.proxy.position))
             return numpy.allclose(told[:3], wrench[:3], rtol=1e-9, atol=1e-12) and numpy.allclose(told[3:], wrench[3:], rtol=1e-9, atol=1e-14)
 
         def risen():
@@ -178,6 +185,92 @@ class ContactTest(unittest.TestCase):
             self.assertLess(wrench[2], -0.02)
         self.probe.way(tip, TOP + [0, 0, 0.08], 8)
         wait_for(lambda: not pairs.told()[-1][0].points and (pairs.told()[-1][1] == 0).all(), "no force in air")
+
+    def diagnosed(self, name):
+        """(status, values) that diagnostics have last under this name."""
+        found = [each for each in self.diagnostics.message.status if each.name.endswith(": " + name)] if self.diagnostics.message else []
+        return found and (found[0], {each.key: each.value for each in found[0].values})
+
+    def load(self, *options):
+        answer = self.node.load("tongue.mha", options=list(options))
+        self.assertTrue(answer.success, answer.message)
+
+    def press(self, deep, **limits):
+        """Load with limits of group contact, press the top of the tongue with the probe, and stay there. The probe's contact, after 0.5 s at rest."""
+        self.load(*("contact/%s=%g" % each for each in limits.items()))
+        self.addCleanup(lambda: self.load(*("contact/%s=%g" % (name, {"max_force": 20, "coupling_stiffness": 1e6}[name]) for name in limits)))
+        self.addCleanup(lambda: self.probe.way(TOP - [0, 0, deep], TOP + [0, 0, 0.08], 8))
+        self.probe.way(TOP + [0, 0, 0.01], TOP - [0, 0, deep], 10)
+        contacts = Latest("PSM2/contact", ContactState)
+        self.addCleanup(contacts.close)
+        return contacts.since(rospy.Time.now() + rospy.Duration(0.5))
+
+    def test_a_force_limit_is_published_while_it_lasts(self):
+        deep, limit = 0.004, 0.01  # [m], [N]: with 4 mm of its own the probe presses with more than 0.05 N
+        timing, markers = Latest("timing", StepTiming), Latest("PSM2/marker", MarkerArray)
+        self.addCleanup(timing.close)
+        self.addCleanup(markers.close)
+        contact = self.press(deep, max_force=limit)
+        self.assertTrue(contact.saturated)
+        error, tip = row(contact.proxy_error), TOP - [0, 0, deep]
+        print("proxy error %s mm, angle %.3f rad" % (1e3 * error, contact.proxy_angle))
+        self.assertLess(error[2], -0.001)
+        numpy.testing.assert_allclose(row(contact.proxy.position), tip - error, rtol=0, atol=1e-12)
+        q = contact.proxy.orientation
+        self.assertAlmostEqual(contact.proxy_angle, 2 * numpy.arccos(min(1, abs(q.x))), delta=1e-3)  # the tool is turned about x by half a turn
+        self.assertAlmostEqual(contact.jaw_error, 0, delta=1e-6)  # a probe has no jaws
+        self.assertLess(numpy.linalg.norm(pressed(contact, tip)[:3]), 1.05 * limit)
+        self.assertGreater(numpy.linalg.norm(pressed(contact, tip)[:3]), 0.9 * limit)
+        told = timing.fresh()
+        self.assertEqual(told.ended, StepTiming.FORCE_LIMIT)
+        self.assertAlmostEqual(told.max_proxy_error, numpy.linalg.norm(error), delta=1e-4)
+        self.assertTrue(0 <= told.advanced <= 1 and told.legs >= 1 and told.evaluations >= 1)
+        self.assertGreaterEqual(self.steps.fresh().legs, 1)
+        shown = {}
+        markers.message = None  # it has no stamp of its own
+        for marker in wait_for(lambda: markers.message, "markers").markers:
+            shown.setdefault(marker.ns, []).append(marker)
+        solid, ghost = shown["PSM2/proxy"], shown["PSM2/measured"]
+        self.assertEqual({each.color.a for each in solid + ghost}, {0.25, 1})
+        self.assertTrue(all(each.color.a == 1 for each in solid) and all(each.action == Marker.ADD for each in solid + ghost))
+        apart = row(ghost[-1].pose.position) - row(solid[-1].pose.position)
+        numpy.testing.assert_allclose(apart, error, rtol=0, atol=1e-3)
+
+        def warns():
+            found = self.diagnosed("tool PSM2")
+            return found and "force limit" in found[0].message and found
+        status, values = wait_for(warns, "a warning of the force limit")
+        self.assertEqual((status.level, values["force limit reached"]), (DiagnosticStatus.WARN, "True"))
+        self.assertAlmostEqual(float(values["proxy error [mm]"]), 1e3 * numpy.linalg.norm(error), delta=0.1)
+        solver = wait_for(lambda: self.diagnosed("solver") and int(self.diagnosed("solver")[1]["steps in the last second that ended early"]) > 0 and
+                          self.diagnosed("solver")[1], "steps that ended early")
+        self.assertIn("contact/max_force", solver["reason of the last step that ended early"])
+        self.assertGreaterEqual(int(solver["legs"]), 1)
+        self.assertGreater(float(solver["largest proxy error [mm]"]), 1)
+        self.probe.way(tip, TOP + [0, 0, 0.08], 8)
+        wait_for(lambda: self.diagnosed("tool PSM2")[0].level == DiagnosticStatus.OK, "the end of the warning")
+        contact = self.node_contact("PSM2")
+        self.assertFalse(contact.saturated)
+        self.assertLess(numpy.linalg.norm(row(contact.proxy_error)), 1e-6)
+
+    def node_contact(self, tool):
+        contacts = Latest(tool + "/contact", ContactState)
+        try:
+            return contacts.fresh()
+        finally:
+            contacts.close()
+
+    def test_a_proxy_that_stays_behind_at_rest_is_a_warning(self):
+        contact = self.press(0.006, coupling_stiffness=1)  # soft: tissue stops the proxy at a force far below the limit
+        self.assertFalse(contact.saturated)
+        self.assertLess(contact.proxy_error.z, -0.002)
+
+        def warns():
+            found = self.diagnosed("tool PSM2")
+            return found and "mm behind" in found[0].message and found
+        status, values = wait_for(warns, "a warning of a proxy that is behind")
+        self.assertIn("while the tool rests", status.message)
+        self.assertEqual((status.level, values["force limit reached"]), (DiagnosticStatus.WARN, "False"))
 
     def test_jaws_that_close_hold_by_friction_what_comes_along(self):
         place = self.close_on_the_tongue()

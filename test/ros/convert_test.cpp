@@ -4,13 +4,16 @@
 #include "ros/record/checkpoint.h"
 #include "ros/record/recorded.h"
 
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <map>
 #include <limits>
+#include <set>
 #include <unistd.h>
 
 using namespace pliant_ros;
@@ -481,6 +484,63 @@ TEST(Convert, ContactOfAToolThatIsNotThere)
     EXPECT_TRUE(message.touching) << "the tip stays outside where the shape presses";
 }
 
+TEST(Convert, ContactHasTheProxyOfATool)
+{
+    const double half = std::sqrt(0.5);
+    pliant_tool_state tool{};
+    std::strcpy(tool.name, "probe");
+    tool.present = tool.has_proxy = tool.saturated = true;
+    const double turned[4] = {half, 0, 0, half}, measured[4] = {0, 0, 0, 1};
+    std::copy(turned, turned + 4, tool.proxy_rotation);
+    std::copy(measured, measured + 4, tool.rotation);
+    for (int d = 0; d < 3; ++d) {
+        tool.tip[d] = 0.1 * (d + 1);
+        tool.proxy_error[d] = 0.001 * (d + 1);
+        tool.proxy_tip[d] = tool.tip[d] - tool.proxy_error[d];
+    }
+    tool.jaw_error = -0.25;
+    ContactState message;
+    contact_message(tool, 1, {}, &message);
+    EXPECT_DOUBLE_EQ(message.proxy.position.x, 0.099);
+    EXPECT_DOUBLE_EQ(message.proxy.position.z, 0.297);
+    EXPECT_DOUBLE_EQ(message.proxy.orientation.x, half);
+    EXPECT_DOUBLE_EQ(message.proxy.orientation.y, 0);
+    EXPECT_DOUBLE_EQ(message.proxy.orientation.w, half);
+    EXPECT_DOUBLE_EQ(message.proxy_error.x, 0.001);
+    EXPECT_DOUBLE_EQ(message.proxy_error.y, 0.002);
+    EXPECT_DOUBLE_EQ(message.proxy_error.z, 0.003);
+    EXPECT_NEAR(message.proxy_angle, std::acos(-1) / 2, 1e-6);
+    EXPECT_FLOAT_EQ(message.jaw_error, -0.25f);
+    EXPECT_TRUE(message.saturated);
+    tool.saturated = false;
+    for (double &each : tool.proxy_rotation) each = -each; // the same rotation
+    std::copy(tool.proxy_rotation, tool.proxy_rotation + 4, tool.rotation);
+    contact_message(tool, 1, {}, &message);
+    EXPECT_NEAR(message.proxy_angle, 0, 1e-6);
+    EXPECT_FALSE(message.saturated);
+}
+
+TEST(Convert, TimingTellsOfLegsAndProxies)
+{
+    pliant_statistics statistics{};
+    statistics.iterations = 6;
+    statistics.legs = 3;
+    statistics.advanced = 0.25;
+    statistics.proxy_error = 0.004;
+    StepTiming message;
+    timing_message(statistics, &message);
+    EXPECT_EQ(message.evaluations, 6u);
+    EXPECT_EQ(message.legs, 3u);
+    EXPECT_EQ(message.advanced, 0.25f);
+    EXPECT_EQ(message.max_proxy_error, 0.004f);
+    for (const auto &end : {std::make_pair(PLIANT_STEP_END_NONE, +StepTiming::NONE), std::make_pair(PLIANT_STEP_END_BLOCKED, +StepTiming::BLOCKED),
+                            std::make_pair(PLIANT_STEP_END_FORCE_LIMIT, +StepTiming::FORCE_LIMIT)}) {
+        statistics.ended = end.first;
+        timing_message(statistics, &message);
+        EXPECT_EQ(message.ended, end.second);
+    }
+}
+
 TEST(Convert, ContactTellsWhereTheToolHolds)
 {
     pliant_tool_state tool{};
@@ -596,6 +656,70 @@ TEST(Convert, ForceArrowStartsAtTheTip)
     tool.holding = false;
     tool_markers_message(tool, -0.01, std_msgs::Header(), &markers);
     EXPECT_EQ(markers.markers[1].action, visualization_msgs::Marker::DELETE);
+}
+
+// a capsule along y that opens with the jaws by half their angle, and a ball at the tip
+TEST(Convert, AShapeIsDrawnAtItsProxyAndAsAGhostWhereItIsMeasured)
+{
+    pliant_tool_shape shape{};
+    shape.num_parts = 3;
+    shape.axis[2] = 2; // about z, of any length
+    shape.joint[0] = 0.01;
+    shape.part[0].kind = PLIANT_PART_CAPSULE;
+    shape.part[0].frame = PLIANT_FRAME_JAW_PLUS;
+    shape.part[0].radius = 0.002;
+    shape.part[0].from[0] = shape.part[0].to[0] = 0.01;
+    shape.part[0].to[1] = 0.03;
+    shape.part[1].kind = PLIANT_PART_SPHERE;
+    shape.part[1].radius = 0.005;
+    shape.part[2].kind = PLIANT_PART_BOX;
+    shape.part[2].radius = 0.001;
+    for (int d = 0; d < 3; ++d) shape.part[2].to[d] = 0.01 * (d + 1);
+    pliant_tool_state tool{};
+    std::strcpy(tool.name, "forceps");
+    tool.present = tool.has_proxy = true;
+    tool.tip[2] = 0.1;
+    tool.proxy_tip[2] = 0.3;
+    tool.rotation[3] = tool.proxy_rotation[3] = 1;
+    tool.jaw = std::acos(-1); // half of it turns the capsule to -x
+    std_msgs::Header header;
+    header.frame_id = "tissue";
+    visualization_msgs::MarkerArray markers;
+    shape_markers_message(tool, shape, header, &markers);
+    ASSERT_EQ(markers.markers.size(), 8u); // a capsule is two of them
+    std::set<std::pair<std::string, int>> names;
+    for (const visualization_msgs::Marker &marker : markers.markers) {
+        names.insert({marker.ns, marker.id});
+        EXPECT_EQ(marker.header.frame_id, "tissue");
+        EXPECT_EQ(marker.color.a, marker.ns == "forceps/measured" ? 0.25f : 1.0f);
+        EXPECT_NEAR(marker.lifetime.toSec(), 1, 1e-9);
+    }
+    EXPECT_EQ(names.size(), 8u);
+    const visualization_msgs::Marker &closed = markers.markers[0], &ball = markers.markers[2], &box = markers.markers[3], &open = markers.markers[4];
+    EXPECT_EQ(closed.ns, "forceps/proxy"); // whose jaws are closed
+    EXPECT_EQ(closed.type, visualization_msgs::Marker::CYLINDER);
+    EXPECT_NEAR(closed.pose.position.x, 0.01, 1e-12);
+    EXPECT_NEAR(closed.pose.position.y, 0.015, 1e-12);
+    EXPECT_NEAR(closed.pose.position.z, 0.3, 1e-12);
+    EXPECT_NEAR(closed.scale.x, 0.004, 1e-12);
+    EXPECT_NEAR(closed.scale.z, 0.03, 1e-12);
+    Eigen::Isometry3d pose;
+    tf2::fromMsg(closed.pose, pose);
+    EXPECT_TRUE(Eigen::Vector3d(pose.linear().col(2)).isApprox(Eigen::Vector3d::UnitY(), 1e-12)); // a cylinder's own axis is z
+    EXPECT_NEAR(ball.scale.x, 0.01, 1e-12);
+    EXPECT_NEAR(box.scale.y, 0.022, 1e-12);
+    EXPECT_NEAR(box.pose.position.y, 0.01, 1e-12);
+    EXPECT_NEAR(open.pose.position.x, 0.01 - 0.015, 1e-12);
+    EXPECT_NEAR(open.pose.position.y, 0, 1e-12);
+    EXPECT_NEAR(open.pose.position.z, 0.1, 1e-12);
+    // the ball at the tip of a tool without a shape is in their way; a tool without a proxy has none of them
+    tool_markers_message(tool, 1, header, &markers);
+    EXPECT_EQ(markers.markers[0].action, visualization_msgs::Marker::DELETE);
+    tool.has_proxy = false;
+    tool_markers_message(tool, 1, header, &markers);
+    EXPECT_EQ(markers.markers[0].action, visualization_msgs::Marker::ADD);
+    shape_markers_message(tool, shape, header, &markers);
+    EXPECT_EQ(markers.markers.size(), 2u);
 }
 
 TEST(Convert, RayIsTurnedIntoTheTissueFrame)

@@ -62,6 +62,21 @@ const ScalarName scalar_names[] = {
 #undef SCALAR_NAME
 };
 
+void proxy_message(const pliant_tool_state &tool, ContactState *out)
+{
+    const Map<const Quaterniond> measured(tool.rotation), proxy(tool.proxy_rotation);
+    out->proxy.position = tf2::toMsg(Vector3d(Map<const Vector3d>(tool.proxy_tip)));
+    out->proxy.orientation = tf2::toMsg(Quaterniond(proxy));
+    tf2::toMsg(Vector3d(Map<const Vector3d>(tool.proxy_error)), out->proxy_error);
+    out->proxy_angle = static_cast<float>(measured.angularDistance(proxy));
+    out->jaw_error = static_cast<float>(tool.jaw_error);
+    out->saturated = tool.saturated;
+}
+
+#define SAME_END(name, text) static_assert(static_cast<int>(StepTiming::name) == PLIANT_STEP_END_##name, "StepTiming.msg has the order of PLIANT_STEP_END_LIST");
+PLIANT_STEP_END_LIST(SAME_END)
+#undef SAME_END
+
 } // namespace
 
 Rigid identity() { return Rigid{{0, 0, 0}, {0, 0, 0, 1}}; }
@@ -336,6 +351,7 @@ void contact_message(const pliant_tool_state &tool, double clearance, const std:
         out->held_point.y = tool.held_point[1];
         out->held_point.z = tool.held_point[2];
     }
+    proxy_message(tool, out);
 }
 
 void cut_message(const pliant_tool_state &tool, Cut *out)
@@ -360,7 +376,11 @@ void timing_message(const pliant_statistics &statistics, StepTiming *out)
         out->stage.push_back(pliant_step_stage_name(stage));
         out->seconds.push_back(static_cast<float>(statistics.seconds[stage]));
     }
-    out->iterations = static_cast<uint32_t>(statistics.iterations);
+    out->evaluations = static_cast<uint32_t>(statistics.iterations);
+    out->legs = static_cast<uint32_t>(statistics.legs);
+    out->advanced = static_cast<float>(statistics.advanced);
+    out->max_proxy_error = static_cast<float>(statistics.proxy_error);
+    out->ended = static_cast<uint8_t>(statistics.ended);
     out->residual = static_cast<float>(statistics.residual);
     out->error = static_cast<float>(statistics.error);
     out->not_converged = statistics.not_converged;

@@ -1,6 +1,9 @@
 /* The mesh for stock rviz: Marker and PointCloud2. */
 #include "pliant/ros/convert.h"
 
+#include <Eigen/Geometry>
+#include <tf2_eigen/tf2_eigen.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -94,7 +97,7 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
     tip.ns = arrow.ns = tool.name;
     tip.id = 0;
     tip.type = visualization_msgs::Marker::SPHERE;
-    tip.action = tool.present ? visualization_msgs::Marker::ADD : visualization_msgs::Marker::DELETE;
+    tip.action = tool.present && !tool.has_proxy ? visualization_msgs::Marker::ADD : visualization_msgs::Marker::DELETE;
     tip.pose.position = point(tool.tip);
     tip.pose.orientation.w = 1;
     tip.scale.x = tip.scale.y = tip.scale.z = tip_size;
@@ -112,6 +115,104 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
     arrow.scale.x = 0.006; /* shaft */
     arrow.scale.y = 0.014; /* head */
     arrow.color = rgb(1, 0.5f, 0);
+}
+
+namespace {
+
+/* Where a part is, of a tool with its tip in a pose and its jaws at an angle. The jaws turn about their joint. */
+Eigen::Isometry3d part_pose(const pliant_tool_shape &shape, pliant_part_frame frame, const double tip[3], const double rotation[4], double jaw)
+{
+    using Eigen::Vector3d;
+    const Eigen::Map<const Vector3d> joint(shape.joint), axis(shape.axis);
+    const double half = frame == PLIANT_FRAME_TIP ? 0 : frame == PLIANT_FRAME_JAW_PLUS ? 0.5 * jaw : -0.5 * jaw;
+    Eigen::Isometry3d pose = Eigen::Translation3d(Eigen::Map<const Vector3d>(tip)) * Eigen::Map<const Eigen::Quaterniond>(rotation);
+    if (half != 0 && axis.norm() > 0) pose = pose * Eigen::Translation3d(joint) * Eigen::AngleAxisd(half, axis.normalized()) * Eigen::Translation3d(-joint);
+    return pose;
+}
+
+void set_pose(const Eigen::Isometry3d &pose, visualization_msgs::Marker *out) { out->pose = tf2::toMsg(pose); }
+
+void set_scale(double x, double y, double z, visualization_msgs::Marker *out)
+{
+    out->scale.x = x;
+    out->scale.y = y;
+    out->scale.z = z;
+}
+
+void append_solid(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker, visualization_msgs::MarkerArray *out)
+{
+    pliant_solid_surface surface;
+    pliant_solid_get_surface(part.solid, &surface);
+    marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
+    set_scale(1, 1, 1, &marker);
+    set_pose(pose * Eigen::Translation3d(Eigen::Map<const Eigen::Vector3d>(part.from)), &marker);
+    for (int32_t corner = 0; corner < 3 * surface.num_triangles; ++corner) marker.points.push_back(point(surface.points + 3 * surface.triangles[corner]));
+    out->markers.push_back(marker);
+}
+
+/* A capsule is a cylinder with two balls. */
+void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker, visualization_msgs::MarkerArray *out)
+{
+    const Eigen::Vector3d from = Eigen::Map<const Eigen::Vector3d>(part.from), along = Eigen::Map<const Eigen::Vector3d>(part.to) - from;
+    const double width = 2 * part.radius;
+    marker.type = visualization_msgs::Marker::CYLINDER;
+    set_scale(width, width, along.norm(), &marker);
+    set_pose(pose * Eigen::Translation3d(from + 0.5 * along) * Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), along), &marker);
+    out->markers.push_back(marker);
+    marker.id++;
+    marker.type = visualization_msgs::Marker::SPHERE_LIST;
+    set_scale(width, width, width, &marker);
+    set_pose(pose, &marker);
+    marker.points = {point(part.from), point(part.to)};
+    out->markers.push_back(marker);
+}
+
+void append_part(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker, visualization_msgs::MarkerArray *out)
+{
+    const Eigen::Map<const Eigen::Vector3d> from(part.from), to(part.to);
+    const double width = 2 * part.radius;
+    switch (part.kind) {
+    case PLIANT_PART_SPHERE:
+        marker.type = visualization_msgs::Marker::SPHERE;
+        set_scale(width, width, width, &marker);
+        set_pose(pose * Eigen::Translation3d(from), &marker);
+        out->markers.push_back(marker);
+        break;
+    case PLIANT_PART_CAPSULE: append_capsule(part, pose, marker, out); break;
+    case PLIANT_PART_BOX: /* its radius rounds it off outside itself */
+        marker.type = visualization_msgs::Marker::CUBE;
+        set_scale(to.x() - from.x() + width, to.y() - from.y() + width, to.z() - from.z() + width, &marker);
+        set_pose(pose * Eigen::Translation3d(0.5 * (from + to)), &marker);
+        out->markers.push_back(marker);
+        break;
+    case PLIANT_PART_SOLID: append_solid(part, pose, marker, out); break;
+    case PLIANT_PART_HALF_SPACE: break; /* of obstacles alone */
+    }
+}
+
+} // namespace
+
+void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shape &shape, const std_msgs::Header &header,
+                           visualization_msgs::MarkerArray *out)
+{
+    const float ghost = 0.25f; /* opacity */
+    const bool presses = std::any_of(tool.contact_force, tool.contact_force + 3, [](double x) { return x != 0; });
+    if (!tool.has_proxy) return;
+    for (int measured = 0; measured < 2; ++measured) {
+        visualization_msgs::Marker marker;
+        marker.header = header;
+        marker.ns = tool.name + std::string(measured ? "/measured" : "/proxy");
+        marker.action = visualization_msgs::Marker::ADD;
+        marker.lifetime = ros::Duration(1);
+        marker.color = tool.saturated ? rgb(0.95f, 0.2f, 0.1f) : tool.holding ? rgb(0.1f, 0.9f, 0.1f) : presses ? rgb(0.9f, 0.9f, 0.1f) : rgb(0.7f, 0.7f, 0.7f);
+        marker.color.a = measured ? ghost : 1;
+        for (int32_t p = 0; p < shape.num_parts; ++p) {
+            const pliant_part &part = shape.part[p];
+            marker.id = 2 * p;
+            append_part(part, measured ? part_pose(shape, part.frame, tool.tip, tool.rotation, tool.jaw)
+                                       : part_pose(shape, part.frame, tool.proxy_tip, tool.proxy_rotation, tool.proxy_jaw), marker, out);
+        }
+    }
 }
 
 void marker_message(const pliant_surface &surface, const double *positions, const std::vector<float> &scalar,

@@ -10,6 +10,7 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
+const double far_proxy = 2e-3; /* distance of a proxy from a tool at rest that the user should see [m] */
 const double slow_tool = 50; /* poses a second below which forces feel rough [Hz]; robots send 100 or more */
 
 std::string host_name()
@@ -51,6 +52,8 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     StepHealth health = simulation_->health();
     uint64_t missed = health.missed >= missed_before_ ? health.missed - missed_before_ : health.missed;
     missed_before_ = health.missed;
+    const uint64_t ended_early = health.ended_early >= ended_before_ ? health.ended_early - ended_before_ : health.ended_early;
+    ended_before_ = health.ended_early;
     const bool was_slow = health.slow > 0 && health.slow != slow_before_;
     slow_before_ = health.slow;
     const double slowest = health.busy_for > slow_after ? health.busy_for : was_slow ? health.last_slow : 0;
@@ -73,6 +76,10 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     status.add("missed deadlines", health.missed);
     status.add("inverted elements", health.inverted);
     status.add("iterations", health.iterations);
+    status.add("legs", health.legs);
+    status.add("largest proxy error [mm]", 1e3 * health.proxy_error);
+    status.add("steps in the last second that ended early", ended_early);
+    status.add("reason of the last step that ended early", ended_early > 0 ? pliant_step_end_text(health.last_end) : "none");
     status.add("residual", health.residual);
     status.add("steps not converged", health.not_converged);
     status.add("steps failed", health.failed);
@@ -83,9 +90,17 @@ void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper
     if (index >= tool_health_.size()) return;
     const ToolHealth &tool = tool_health_[index];
     if (!tool.present) status.summary(DiagnosticStatus::WARN, "no tool: " + tool.why);
+    else if (tool.saturated)
+        status.summaryf(DiagnosticStatus::WARN, "its force limit is reached (contact/max_force, of jaws contact/grip_torque); its proxy is %.1f mm and %.2f rad (jaws) behind",
+                        1e3 * tool.proxy_error, std::fabs(tool.jaw_error));
+    else if (tool.rests && tool.proxy_error > far_proxy)
+        status.summaryf(DiagnosticStatus::WARN, "its proxy is %.1f mm behind while the tool rests: tissue or an obstacle stops it; move the tool back", 1e3 * tool.proxy_error);
     else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: fewer than 50 poses a second");
     else status.summary(DiagnosticStatus::OK, "tracked");
     status.add("rate [Hz]", tool.rate);
+    status.add("proxy error [mm]", 1e3 * tool.proxy_error);
+    status.add("jaw error [rad]", tool.jaw_error);
+    status.add("force limit reached", tool.saturated);
     status.add("age [ms]", std::isfinite(tool.age) ? std::to_string(1e3 * tool.age) : "no pose");
 }
 

@@ -40,7 +40,7 @@ private:
     const MasterWatch *master_;
     diagnostic_updater::Updater updater_;
     std::vector<ToolHealth> tool_health_;
-    uint64_t missed_before_ = 0, slow_before_ = 0;
+    uint64_t missed_before_ = 0, slow_before_ = 0, ended_before_ = 0;
     ros::WallTimer timer_;
 };
 

@@ -398,6 +398,7 @@ void Simulation::publish(const ros::Time &now)
         if (fast_forces_->is_on()) fast_forces_->frame(i, *data_, samples_[i], acts);
         else publish_force(i, tool, acts && samples_[i].present, now);
         tools_->publish_cut(i, *data_, revision(), now);
+        tools_->watch_proxy(i, tool);
         tools_->publish_contact(i, *current_->model, *data_, now);
     }
     publish_timing(now);
@@ -453,6 +454,12 @@ void Simulation::measure(double seconds)
     health_.iterations = statistics.iterations;
     if (count_inverted) health_.inverted = inverted;
     health_.residual = statistics.residual;
+    health_.legs = statistics.legs;
+    health_.proxy_error = statistics.proxy_error;
+    if (!paused_ && statistics.ended != PLIANT_STEP_END_NONE) {
+        health_.last_end = static_cast<pliant_step_end>(statistics.ended);
+        ++health_.ended_early;
+    }
     health_.bytes = statistics.bytes;
     health_.backend = pliant_data_get_backend(data_.get());
     health_.revision = revision();

@@ -27,8 +27,10 @@ struct StepHealth {
     uint64_t slow;                 /* steps, and what runs between two of them, that took longer than slow_after, since the start */
     double last_slow, busy_for;    /* the last one of those; the present one, which has not ended; 0: none [s] */
     uint64_t failed, not_converged;
-    int32_t iterations, inverted;
-    double residual;
+    int32_t iterations, inverted, legs;
+    double residual, proxy_error;  /* proxy_error: the largest, after the last step [m] */
+    uint64_t ended_early;          /* steps that ended before proxies were at their tools, since the start */
+    pliant_step_end last_end;      /* reason of the last one of those; PLIANT_STEP_END_NONE: no step did */
     size_t bytes;
     uint32_t revision;   /* after the last step; 0: none was made */
     const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */

@@ -164,6 +164,7 @@ void tell_outcome(pliant_status status, const pliant_data &data, Step *out)
     out->background = out->paused ? 0 : pliant_data_get_background_taken(&data);
     out->checksum = checksum(pliant_data_get_positions(&data, nullptr), 3 * static_cast<size_t>(pliant_data_get_body(&data)->fine.num_nodes));
     out->evaluations = static_cast<uint32_t>(statistics.iterations);
+    out->legs = static_cast<uint32_t>(statistics.legs);
     out->seconds.assign(statistics.seconds, statistics.seconds + PLIANT_NUM_STEP_STAGES);
 }
 

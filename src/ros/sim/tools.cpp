@@ -16,6 +16,8 @@ namespace {
 
 enum { CONTACT_RATE = 30 /* [Hz] */, CUT_QUEUE = 256 /* a recorder that is held up misses none */, MOST_WAITING = 256 /* poses: a quarter of a second at 1 kHz */ };
 
+const double rest_seconds = 0.5; /* without motion, after which a tool rests */
+
 std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3 * seconds)) + " ms"; }
 
 } // namespace
@@ -272,6 +274,21 @@ void Tools::publish_force(size_t index, const ToolSample &sample, const double f
     }
 }
 
+void Tools::watch_proxy(size_t index, const pliant_tool_state &state)
+{
+    const double still = 1e-4; /* [m] */
+    Tool &tool = *tools_[index];
+    const auto norm = [](const double v[3]) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
+    const double moved[3] = {state.tip[0] - tool.rest_tip[0], state.tip[1] - tool.rest_tip[1], state.tip[2] - tool.rest_tip[2]};
+    std::lock_guard<InheritingMutex> hold(tool.lock);
+    tool.saturated = state.has_proxy && state.saturated;
+    tool.proxy_error = state.has_proxy ? norm(state.proxy_error) : 0;
+    tool.jaw_error = state.has_proxy ? state.jaw_error : 0;
+    if (state.has_proxy && norm(moved) < still) return;
+    std::copy(state.tip, state.tip + 3, tool.rest_tip);
+    tool.rests_since = ros::SteadyTime::now();
+}
+
 void Tools::publish_contact(size_t index, const pliant_model &model, const pliant_data &data, const ros::Time &now)
 {
     Tool &tool = *tools_[index];
@@ -288,6 +305,12 @@ void Tools::publish_contact(size_t index, const pliant_model &model, const plian
     if (!marker_due) return;
     visualization_msgs::MarkerArray markers;
     tool_markers_message(state, clearance, contact.header, &markers);
+    pliant_tool_shape shape = tool.parameters.shape;
+    if (tool.parameters.shape_follows) {
+        std::lock_guard<InheritingMutex> hold(tool.lock);
+        shape = tool.shape;
+    }
+    shape_markers_message(state, shape, contact.header, &markers);
     publish_urgently(tool.marker_out, markers);
 }
 
@@ -320,6 +343,10 @@ std::vector<ToolHealth> Tools::health(const ros::Time &now)
         health.age = tool.has_pose ? seconds_between(tool.stamp, now) : std::numeric_limits<double>::infinity();
         health.present = tool.present;
         health.why = tool.present ? "" : tool.why;
+        health.saturated = tool.saturated;
+        health.rests = (ros::SteadyTime::now() - tool.rests_since).toSec() > rest_seconds;
+        health.proxy_error = tool.proxy_error;
+        health.jaw_error = tool.jaw_error;
         tool.counted = tool.received;
         tool.counted_at = wall;
         all.push_back(health);

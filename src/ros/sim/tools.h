@@ -47,6 +47,9 @@ struct ToolHealth {
     double age;      /* of the newest pose [s]; infinite: none yet */
     bool present;
     std::string why; /* not present: the reason */
+    bool saturated;  /* its coupling pulls with the force limit */
+    bool rests;      /* its measured tip has moved by less than 0.1 mm for 0.5 s */
+    double proxy_error, jaw_error; /* distance from the measured tip to the proxy's [m]; measured angle minus the proxy's [rad] */
 };
 
 class Tools {
@@ -71,6 +74,8 @@ public:
     /* In all three of CRTK's frames, where somebody subscribes. Any thread.
        force, torque: on the tissue, about the tip, in tissue axes [N, N m] */
     void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &stamp);
+    /* Note the proxy after a step, for diagnostics. */
+    void watch_proxy(size_t tool, const pliant_tool_state &state);
     /* Contact and markers, at most 30 a second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
@@ -115,6 +120,10 @@ private:
         ros::Time last_stamp;
         Rigid last_in_tissue, last_tissue_in_frame;
         std::string last_frame;
+        /* written by watch_proxy, under the lock */
+        bool saturated = false;
+        double proxy_error = 0, jaw_error = 0, rest_tip[3] = {0, 0, 0};
+        ros::SteadyTime rests_since;
         /* written by publish_cut */
         Cut sent;
         /* written by health */
