@@ -68,7 +68,7 @@ typedef struct pliant_contact {
     double place[3];       /**< LPS [m] */
     double normal[3];      /**< unit, into the tissue that is pressed; 0 0 0 of a node that is slowed (contact/response: paper) */
     double force[3];       /**< on it [N] */
-    double area;           /**< that it stands for, at rest [m^2] */
+    double area;           /**< of the tissue's surface that it stands for, at rest [m^2]; 0: it keeps a corner of a triangle out of a core, and the triangle's other points have its area */
     double depth;          /**< of it in what presses; below 0: it has moved away again [m] */
 } pliant_contact;
 /** Of the last step, in an order that stays the same while they are the same. @param room of out. @return how many there are, which may be more */

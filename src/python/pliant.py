@@ -225,7 +225,7 @@ class Cut:
 
 class Contacts:
     """Points where tissue is pressed: points (n, 3) LPS [m], normals (n, 3) unit, into the tissue, forces (n, 3) on it [N], areas (n) that they
-    stand for, at rest [m^2], depths (n) in what presses, below 0 where it has moved away again [m]; tools (n) numbers, -1: of no tool; parts (n)
+    stand for, at rest [m^2], 0 for points that keep corners of triangles out of a proxy's core, depths (n) in what presses, below 0 where it has moved away again [m]; tools (n) numbers, -1: of no tool; parts (n)
     of the tool's shape; tissue (n) True where tissue presses."""
 
     def __init__(self, told):
