@@ -207,7 +207,7 @@ class ContactTest(unittest.TestCase):
         return contacts.since(rospy.Time.now() + rospy.Duration(0.5))
 
     def test_a_force_limit_is_published_while_it_lasts(self):
-        deep, limit = 0.004, 0.01  # [m], [N]: with 4 mm of its own the probe presses with more than 0.05 N
+        deep, limit = 0.004, 0.01  # [m], [N]: without the limit the probe presses with more than 0.05 N
         timing, markers = Latest("timing", StepTiming), Latest("PSM2/marker", MarkerArray)
         self.addCleanup(timing.close)
         self.addCleanup(markers.close)
@@ -228,7 +228,7 @@ class ContactTest(unittest.TestCase):
         self.assertTrue(0 <= told.advanced <= 1 and told.legs >= 1 and told.evaluations >= 1)
         self.assertGreaterEqual(self.steps.fresh().legs, 1)
         shown = {}
-        markers.message = None  # it has no stamp of its own
+        markers.message = None  # MarkerArray has no stamp: wait for the next message
         for marker in wait_for(lambda: markers.message, "markers").markers:
             shown.setdefault(marker.ns, []).append(marker)
         solid, ghost = shown["PSM2/proxy"], shown["PSM2/measured"]

@@ -152,14 +152,15 @@ CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_f
  *  @param scalar (fine.num_nodes) or empty */
 void marker_message(const pliant_surface &surface, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
-/** A tool for stock rviz: without a proxy a ball at its tip (grey: in the air, yellow: in the tissue, green: it holds), and an arrow
- *  from there along its force on the tissue, 5 mm a newton, at most 0.2 m. (A Wrench display draws its arrow at the
+/** Write a tool for stock rviz: an arrow from its tip along its force on the tissue, 5 mm a newton, at most 0.2 m. A tool without a proxy
+ *  has a ball at its tip, too (grey: in the air, yellow: in the tissue, green: it holds). (A Wrench display draws its arrow at the
  *  origin of the frame, not at the tip.) Header is that of both markers.
  *  @param clearance of pliant_tool_clearance [m] */
 void tool_markers_message(const pliant_tool_state &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out);
 /** Append the shape of a tool twice: solid at its proxy, and as a ghost where the tool is measured (namespaces NAME/proxy, NAME/measured).
- *  Grey: in the air, yellow: it presses, green: it holds, red: its force limit is reached. A tool without a proxy appends nothing. Markers vanish after one second without a message. */
+ *  Grey: in the air, yellow: it presses, green: it holds, red: its force limit is reached. A tool without a proxy appends nothing.
+ *  Markers vanish after one second without a message. */
 void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shape &shape, const std_msgs::Header &header,
                            visualization_msgs::MarkerArray *out);
 /** Convert a displacement field: a point for every voxel with tissue. Its fields are x, y, z (at rest), dx, dy, dz (the displacement) [m], and cut

@@ -73,7 +73,9 @@ void proxy_message(const pliant_tool_state &tool, ContactState *out)
     out->saturated = tool.saturated;
 }
 
-#define SAME_END(name, text) static_assert(static_cast<int>(StepTiming::name) == PLIANT_STEP_END_##name, "StepTiming.msg has the order of PLIANT_STEP_END_LIST");
+#define SAME_END(name, text)                                               \
+    static_assert(static_cast<int>(StepTiming::name) == PLIANT_STEP_END_##name, \
+                  "StepTiming.msg has another order than PLIANT_STEP_END_LIST");
 PLIANT_STEP_END_LIST(SAME_END)
 #undef SAME_END
 

@@ -105,13 +105,14 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
     double length = metres_per_newton * std::sqrt(tool.force[0] * tool.force[0] + tool.force[1] * tool.force[1] +
                                                   tool.force[2] * tool.force[2]);
     double scale = metres_per_newton * std::min(1.0, length > 0 ? longest / length : 1.0), end[3];
-    for (int d = 0; d < 3; ++d) end[d] = tool.tip[d] + scale * tool.force[d];
+    const double *begin = tool.has_proxy ? tool.proxy_tip : tool.tip;
+    for (int d = 0; d < 3; ++d) end[d] = begin[d] + scale * tool.force[d];
     arrow.id = 1;
     arrow.type = visualization_msgs::Marker::ARROW;
     arrow.action = tool.present && tool.holding && length > shortest ? visualization_msgs::Marker::ADD
                                                                      : visualization_msgs::Marker::DELETE;
     arrow.pose.orientation.w = 1;
-    arrow.points = {point(tool.tip), point(end)};
+    arrow.points = {point(begin), point(end)};
     arrow.scale.x = 0.006; /* shaft */
     arrow.scale.y = 0.014; /* head */
     arrow.color = rgb(1, 0.5f, 0);
@@ -120,14 +121,17 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
 namespace {
 
 /* Where a part is, of a tool with its tip in a pose and its jaws at an angle. The jaws turn about their joint. */
-Eigen::Isometry3d part_pose(const pliant_tool_shape &shape, pliant_part_frame frame, const double tip[3], const double rotation[4], double jaw)
+Eigen::Isometry3d part_pose(const pliant_tool_shape &shape, pliant_part_frame frame, const double tip[3],
+                            const double rotation[4], double jaw)
 {
     using Eigen::Vector3d;
     const Eigen::Map<const Vector3d> joint(shape.joint), axis(shape.axis);
     const double half = frame == PLIANT_FRAME_TIP ? 0 : frame == PLIANT_FRAME_JAW_PLUS ? 0.5 * jaw : -0.5 * jaw;
-    Eigen::Isometry3d pose = Eigen::Translation3d(Eigen::Map<const Vector3d>(tip)) * Eigen::Map<const Eigen::Quaterniond>(rotation);
-    if (half != 0 && axis.norm() > 0) pose = pose * Eigen::Translation3d(joint) * Eigen::AngleAxisd(half, axis.normalized()) * Eigen::Translation3d(-joint);
-    return pose;
+    const Eigen::Map<const Vector3d> place(tip);
+    const Eigen::Isometry3d pose = Eigen::Translation3d(place) * Eigen::Map<const Eigen::Quaterniond>(rotation);
+    if (half == 0 || !(axis.norm() > 0)) return pose;
+    const Eigen::AngleAxisd turn(half, axis.normalized());
+    return pose * Eigen::Translation3d(joint) * turn * Eigen::Translation3d(-joint);
 }
 
 void set_pose(const Eigen::Isometry3d &pose, visualization_msgs::Marker *out) { out->pose = tf2::toMsg(pose); }
@@ -139,25 +143,30 @@ void set_scale(double x, double y, double z, visualization_msgs::Marker *out)
     out->scale.z = z;
 }
 
-void append_solid(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker, visualization_msgs::MarkerArray *out)
+void append_solid(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker,
+                  visualization_msgs::MarkerArray *out)
 {
     pliant_solid_surface surface;
     pliant_solid_get_surface(part.solid, &surface);
     marker.type = visualization_msgs::Marker::TRIANGLE_LIST;
     set_scale(1, 1, 1, &marker);
     set_pose(pose * Eigen::Translation3d(Eigen::Map<const Eigen::Vector3d>(part.from)), &marker);
-    for (int32_t corner = 0; corner < 3 * surface.num_triangles; ++corner) marker.points.push_back(point(surface.points + 3 * surface.triangles[corner]));
+    for (int32_t corner = 0; corner < 3 * surface.num_triangles; ++corner)
+        marker.points.push_back(point(surface.points + 3 * surface.triangles[corner]));
     out->markers.push_back(marker);
 }
 
 /* A capsule is a cylinder with two balls. */
-void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker, visualization_msgs::MarkerArray *out)
+void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker,
+                    visualization_msgs::MarkerArray *out)
 {
-    const Eigen::Vector3d from = Eigen::Map<const Eigen::Vector3d>(part.from), along = Eigen::Map<const Eigen::Vector3d>(part.to) - from;
+    const Eigen::Map<const Eigen::Vector3d> from(part.from), to(part.to);
+    const Eigen::Vector3d along = to - from;
     const double width = 2 * part.radius;
     marker.type = visualization_msgs::Marker::CYLINDER;
     set_scale(width, width, along.norm(), &marker);
-    set_pose(pose * Eigen::Translation3d(from + 0.5 * along) * Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), along), &marker);
+    const Eigen::Quaterniond turn = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), along);
+    set_pose(pose * Eigen::Translation3d(0.5 * (from + to)) * turn, &marker);
     out->markers.push_back(marker);
     marker.id++;
     marker.type = visualization_msgs::Marker::SPHERE_LIST;
@@ -167,7 +176,8 @@ void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visu
     out->markers.push_back(marker);
 }
 
-void append_part(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker, visualization_msgs::MarkerArray *out)
+void append_part(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker,
+                 visualization_msgs::MarkerArray *out)
 {
     const Eigen::Map<const Eigen::Vector3d> from(part.from), to(part.to);
     const double width = 2 * part.radius;
@@ -204,13 +214,16 @@ void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shap
         marker.ns = tool.name + std::string(measured ? "/measured" : "/proxy");
         marker.action = visualization_msgs::Marker::ADD;
         marker.lifetime = ros::Duration(1);
-        marker.color = tool.saturated ? rgb(0.95f, 0.2f, 0.1f) : tool.holding ? rgb(0.1f, 0.9f, 0.1f) : presses ? rgb(0.9f, 0.9f, 0.1f) : rgb(0.7f, 0.7f, 0.7f);
+        marker.color = tool.saturated ? rgb(0.95f, 0.2f, 0.1f)
+                       : tool.holding ? rgb(0.1f, 0.9f, 0.1f)
+                       : presses      ? rgb(0.9f, 0.9f, 0.1f)
+                                      : rgb(0.7f, 0.7f, 0.7f);
         marker.color.a = measured ? ghost : 1;
         for (int32_t p = 0; p < shape.num_parts; ++p) {
             const pliant_part &part = shape.part[p];
             marker.id = 2 * p;
-            append_part(part, measured ? part_pose(shape, part.frame, tool.tip, tool.rotation, tool.jaw)
-                                       : part_pose(shape, part.frame, tool.proxy_tip, tool.proxy_rotation, tool.proxy_jaw), marker, out);
+            const double *tip = measured ? tool.tip : tool.proxy_tip, *rotation = measured ? tool.rotation : tool.proxy_rotation;
+            append_part(part, part_pose(shape, part.frame, tip, rotation, measured ? tool.jaw : tool.proxy_jaw), marker, out);
         }
     }
 }

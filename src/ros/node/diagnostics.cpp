@@ -52,7 +52,8 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     StepHealth health = simulation_->health();
     uint64_t missed = health.missed >= missed_before_ ? health.missed - missed_before_ : health.missed;
     missed_before_ = health.missed;
-    const uint64_t ended_early = health.ended_early >= ended_before_ ? health.ended_early - ended_before_ : health.ended_early;
+    const uint64_t counted = health.ended_early >= ended_before_ ? ended_before_ : 0; /* it begins again with a load */
+    const uint64_t ended_early = health.ended_early - counted;
     ended_before_ = health.ended_early;
     const bool was_slow = health.slow > 0 && health.slow != slow_before_;
     slow_before_ = health.slow;
@@ -79,7 +80,8 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     status.add("legs", health.legs);
     status.add("largest proxy error [mm]", 1e3 * health.proxy_error);
     status.add("steps in the last second that ended early", ended_early);
-    status.add("reason of the last step that ended early", ended_early > 0 ? pliant_step_end_text(health.last_end) : "none");
+    const char *reason = ended_early > 0 ? pliant_step_end_text(health.last_end) : "none";
+    status.add("reason of the last step that ended early", reason);
     status.add("residual", health.residual);
     status.add("steps not converged", health.not_converged);
     status.add("steps failed", health.failed);
@@ -91,10 +93,11 @@ void Diagnostics::tool(size_t index, diagnostic_updater::DiagnosticStatusWrapper
     const ToolHealth &tool = tool_health_[index];
     if (!tool.present) status.summary(DiagnosticStatus::WARN, "no tool: " + tool.why);
     else if (tool.saturated)
-        status.summaryf(DiagnosticStatus::WARN, "its force limit is reached (contact/max_force, of jaws contact/grip_torque); its proxy is %.1f mm and %.2f rad (jaws) behind",
-                        1e3 * tool.proxy_error, std::fabs(tool.jaw_error));
+        status.summaryf(DiagnosticStatus::WARN, "it presses with its force limit (contact/max_force, jaws: contact/grip_torque); "
+                        "its proxy is %.1f mm behind, its jaws %.2f rad", 1e3 * tool.proxy_error, std::fabs(tool.jaw_error));
     else if (tool.rests && tool.proxy_error > far_proxy)
-        status.summaryf(DiagnosticStatus::WARN, "its proxy is %.1f mm behind while the tool rests: tissue or an obstacle stops it; move the tool back", 1e3 * tool.proxy_error);
+        status.summaryf(DiagnosticStatus::WARN, "its proxy is %.1f mm behind while the tool rests: tissue stops it; move the tool back",
+                        1e3 * tool.proxy_error);
     else if (tool.rate < slow_tool) status.summary(DiagnosticStatus::OK, "slow: fewer than 50 poses a second");
     else status.summary(DiagnosticStatus::OK, "tracked");
     status.add("rate [Hz]", tool.rate);

@@ -30,7 +30,7 @@ struct StepHealth {
     int32_t iterations, inverted, legs;
     double residual, proxy_error;  /* proxy_error: the largest, after the last step [m] */
     uint64_t ended_early;          /* steps that ended before proxies were at their tools, since the start */
-    pliant_step_end last_end;      /* reason of the last one of those; PLIANT_STEP_END_NONE: no step did */
+    pliant_step_end last_end;      /* reason of the last such step; PLIANT_STEP_END_NONE: there is none */
     size_t bytes;
     uint32_t revision;   /* after the last step; 0: none was made */
     const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */

@@ -279,7 +279,8 @@ void Tools::watch_proxy(size_t index, const pliant_tool_state &state)
     const double still = 1e-4; /* [m] */
     Tool &tool = *tools_[index];
     const auto norm = [](const double v[3]) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
-    const double moved[3] = {state.tip[0] - tool.rest_tip[0], state.tip[1] - tool.rest_tip[1], state.tip[2] - tool.rest_tip[2]};
+    double moved[3];
+    for (int d = 0; d < 3; ++d) moved[d] = state.tip[d] - tool.rest_tip[d];
     std::lock_guard<InheritingMutex> hold(tool.lock);
     tool.saturated = state.has_proxy && state.saturated;
     tool.proxy_error = state.has_proxy ? norm(state.proxy_error) : 0;

@@ -49,7 +49,8 @@ struct ToolHealth {
     std::string why; /* not present: the reason */
     bool saturated;  /* its coupling pulls with the force limit */
     bool rests;      /* its measured tip has moved by less than 0.1 mm for 0.5 s */
-    double proxy_error, jaw_error; /* distance from the measured tip to the proxy's [m]; measured angle minus the proxy's [rad] */
+    double proxy_error; /* distance from the measured tip to the proxy's tip [m] */
+    double jaw_error;   /* measured angle minus the proxy's [rad] */
 };
 
 class Tools {
