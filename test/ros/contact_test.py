@@ -237,12 +237,11 @@ class ContactTest(unittest.TestCase):
         apart = row(ghost[-1].pose.position) - row(solid[-1].pose.position)
         numpy.testing.assert_allclose(apart, error, rtol=0, atol=1e-3)
 
-        def warns():
+        def warns():  # once a second: the first one may be of a step on the way
             found = self.diagnosed("tool PSM2")
-            return found and "force limit" in found[0].message and found
-        status, values = wait_for(warns, "a warning of the force limit")
+            return found and "force limit" in found[0].message and abs(float(found[1]["proxy error [mm]"]) - 1e3 * numpy.linalg.norm(error)) < 0.1 and found
+        status, values = wait_for(warns, "a warning of the force limit with the error that the contact has")
         self.assertEqual((status.level, values["force limit reached"]), (DiagnosticStatus.WARN, "True"))
-        self.assertAlmostEqual(float(values["proxy error [mm]"]), 1e3 * numpy.linalg.norm(error), delta=0.1)
         solver = wait_for(lambda: self.diagnosed("solver") and int(self.diagnosed("solver")[1]["steps in the last second that ended early"]) > 0 and
                           self.diagnosed("solver")[1], "steps that ended early")
         self.assertIn("contact/max_force", solver["reason of the last step that ended early"])
@@ -295,6 +294,21 @@ class ContactTest(unittest.TestCase):
         self.forceps.way(up, away, 34, (CLOSED, CLOSED))
         wait_for(lambda: not self.node.contact.fresh().points and self.lifted() < 1e-4, "the tissue to slip out")
         self.leave(away, CLOSED)
+
+    def test_jaws_stop_at_their_torque(self):
+        self.load("contact/grip_torque=1e-4")
+        self.addCleanup(lambda: self.load("contact/grip_torque=0.1"))
+        place = self.close_on_the_tongue()
+        contact = self.node.contact.since(rospy.Time.now() + rospy.Duration(0.5))
+        print("jaw error %.3f rad" % contact.jaw_error)
+        self.assertTrue(contact.saturated)
+        self.assertLess(contact.jaw_error, -0.02)  # the proxy's jaws are more open
+
+        def warns():
+            found = self.diagnosed("tool PSM1")
+            return found and "force limit" in found[0].message and abs(float(found[1]["jaw error [rad]"]) - contact.jaw_error) < 0.02
+        wait_for(warns, "a warning of the force limit with the error that the contact has")
+        self.leave(place, CLOSED)
 
     def test_the_same_jaws_take_a_blob_where_the_scene_says_so(self):
         self.assertTrue(self.node.load("tongue.mha", options=["grasp/kind=blob"]).success)
