@@ -6,6 +6,7 @@
 #include "contact/detect/tissue.h"
 #include "contact/shapes/solid.h"
 #include "fem/dynamics/tled.h"
+#include "fem/patch/patch.h"
 #include "fem/rigid/falling.h"
 #include "pliant/memory.h"
 #include "sim/step/legs.h"
@@ -33,6 +34,13 @@ struct pliant_contact_search {
     int32_t room_surface;
     double *surface;           /* (room_surface x 3) of the surface's nodes as the leg begins [m] */
     double low[3], high[3];    /* around them [m] */
+    /* POINTS STAY the same while little moves: where all was as they were found */
+    bool found;
+    uint64_t found_revision;   /* of the body */
+    int32_t found_parts, found_nodes, room_found;
+    uint64_t found_key[MOST_PARTS];
+    pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
+    double *found_at;          /* (room_found x 3) of the surface's nodes [m] */
     int32_t room_nodes;        /* contact/response: paper */
     uint8_t *overlaps;         /* (room_nodes) */
     double *place;             /* (room_nodes x 3) */
@@ -314,6 +322,112 @@ static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int 
         for (int c = 0; c < 3; c++) couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * leg->axis[r] * leg->axis[c];
 }
 
+/* ---- points that stay */
+
+/* of a part, and of how many nodes its tool holds, which have no points */
+static uint64_t key_of(const pliant_moving_part *part)
+{
+    return (uint64_t)part->num_held << 32 | (uint64_t)part->kind << 24 | (uint64_t)(part->tool + 1) << 16 | (uint64_t)part->index;
+}
+
+static bool is_simple(const pliant_model *model, const pliant_data *data)
+{
+    return data->solver && !data->legs->planes && !data->falling && !touches_itself(model) && pliant_patch_serves(data) == 0;
+}
+
+static bool reserve_found(pliant_contact_search *search, int32_t nodes)
+{
+    if (nodes > search->room_found) {
+        double *at = pliant_resize(search->found_at, (size_t)nodes, 3 * sizeof *at);
+        if (!at) return false;
+        search->found_at = at;
+        search->room_found = nodes;
+    }
+    search->found_nodes = nodes;
+    return true;
+}
+
+static pliant_status copy_found(const pliant_contact_search *from, pliant_contact_search *to)
+{
+    if (!from->found) return PLIANT_OK;
+    if (!reserve_found(to, from->found_nodes)) return pliant_fail_memory("contacts");
+    memcpy(to->found_at, from->found_at, 3 * (size_t)from->found_nodes * sizeof *to->found_at);
+    memcpy(to->found_key, from->found_key, sizeof to->found_key);
+    memcpy(to->found_pose, from->found_pose, sizeof to->found_pose);
+    to->found_revision = from->found_revision;
+    to->found_parts = from->found_parts;
+    to->found = true;
+    return PLIANT_OK;
+}
+
+/* Remember where all is. Errors: MEMORY */
+static pliant_status keep_found(const pliant_model *model, pliant_data *data, const pliant_body *body)
+{
+    pliant_contact_search *search = data->contact_search;
+    const int32_t nodes = body->fine.num_nodes;
+    search->found = is_simple(model, data);
+    if (!search->found) return PLIANT_OK;
+    search->found = false;
+    if (!reserve_found(search, nodes)) return pliant_fail_memory("contacts");
+    search->found = true;
+    memcpy(search->found_at, search->surface, 3 * (size_t)nodes * sizeof *search->surface);
+    search->found_revision = data->body->revision;
+    search->found_parts = search->num_parts;
+    for (int32_t p = 0; p < search->num_parts; p++) search->found_key[p] = key_of(search->part + p);
+    for (int t = 0; t < data->num_tools; t++) search->found_pose[t] = data->legs->tool[t].ahead;
+    return PLIANT_OK;
+}
+
+/* A point that is on its part's surface goes with it. false: it is deeper, and comes out little by little */
+static bool move_point(const pliant_contact_search *search, pliant_contact_point *point)
+{
+    const double exact = 1e-3; /* of the guard depth */
+    for (int32_t p = 0; p < search->num_parts; p++) {
+        const pliant_moving_part *part = search->part + p;
+        double local[3], normal[3], end[3], outwards[3];
+        if (part->kind != point->kind || part->index != point->part || (part->kind == PLIANT_OBSTACLE_TOOL && part->tool != point->tool)) continue;
+        pliant_pose_from(&part->begin, point->place, local);
+        const pliant_part core = pliant_part_core(part->part, part->guard);
+        if (fabs(pliant_part_distance(&core, local, outwards) - part->guard) > exact * part->guard) return false;
+        pliant_pose_turn_back(&part->begin, point->normal, normal);
+        pliant_pose_turn(&part->end, normal, point->normal);
+        pliant_pose_to(&part->end, local, end);
+        for (int d = 0; d < 3; d++) {
+            point->drift[d] = end[d] - point->place[d];
+            point->place[d] = end[d];
+        }
+        return true;
+    }
+    return false;
+}
+
+/* Whether points that were found before serve this leg, too: since then nothing has gone, or shall go, further than a quarter of the least guard depth (CONTACT).
+ * They are in search->made then. Errors: MEMORY */
+static pliant_status stay(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays)
+{
+    const double share = 0.25;
+    pliant_contact_search *search = data->contact_search;
+    double most = margin;
+    *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision && search->found_parts == search->num_parts;
+    for (int32_t p = 0; p < search->num_parts && *stays; p++) {
+        const pliant_moving_part *part = search->part + p;
+        *stays = search->found_key[p] == key_of(part);
+        most = fmin(most, share * part->guard);
+    }
+    for (int32_t p = 0; p < search->num_parts && *stays; p++) {
+        const pliant_moving_part *part = search->part + p;
+        if (part->kind == PLIANT_OBSTACLE_TOOL) *stays = pliant_part_way(part->shape, part->part, search->found_pose + part->tool, &part->to) <= most;
+    }
+    for (int32_t n = 0; n < body->fine.num_nodes && *stays; n++) {
+        const double *a = search->found_at + 3 * (size_t)n, *b = search->surface + 3 * (size_t)n;
+        *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <= most * most;
+    }
+    pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
+    for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++) *stays = move_point(search, search->made.point + n);
+    if (!*stays) search->made.count = 0;
+    return status;
+}
+
 /* Pieces and proxies, of which points may be. */
 static void set_bodies(pliant_data *data)
 {
@@ -341,6 +455,14 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     gather_parts(model, data);
     status = choose_surface(model, data, &body, &positions);
     if (status == PLIANT_OK) status = keep_surface(search, body, positions);
+    bool stays = false;
+    if (status == PLIANT_OK) status = stay(model, data, body, &stays);
+    if (stays) {
+        pliant_contacts_exchange(&data->contacts, &search->made);
+        set_bodies(data);
+        return status;
+    }
+    if (status == PLIANT_OK) status = keep_found(model, data, body);
     if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes, search->num_parts, search->part, &search->made);
     if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
     if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
@@ -458,7 +580,9 @@ bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const
 
 static void forget(pliant_contact_search *search)
 {
-    if (search) pliant_tissue_forget(&search->tissue);
+    if (!search) return;
+    pliant_tissue_forget(&search->tissue);
+    search->found = false;
 }
 
 void pliant_contact_forget(pliant_data *data)
@@ -474,6 +598,7 @@ pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
     if (!from->contact_search) return PLIANT_OK;
     pliant_status status = begin(&to->contact_search);
     if (status == PLIANT_OK) status = pliant_tissue_copy(&from->contact_search->tissue, &to->contact_search->tissue);
+    if (status == PLIANT_OK) status = copy_found(from->contact_search, to->contact_search);
     if (status == PLIANT_OK) status = pliant_contacts_copy(&from->contacts, &to->contacts);
     return status;
 }
@@ -488,6 +613,7 @@ void pliant_contact_free(pliant_data *data)
     pliant_outside_free(&search->outside);
     pliant_advance_free(search->advance);
     pliant_free(search->surface);
+    pliant_free(search->found_at);
     pliant_free(search->made.point);
     pliant_free(search->overlaps);
     pliant_free(search->place);
