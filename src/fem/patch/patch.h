@@ -32,8 +32,6 @@ void pliant_patch_free(pliant_patch *patch); /* Nullable */
 void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before);
 /* The step's points that the coarse model has to hold; all: data->contacts. Errors: MEMORY. */
 pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse);
-/* Once it is divided: whether a point of the step is the patch's. */
-bool pliant_patch_holds(const pliant_data *data, int32_t point);
 /* Nothing held, nothing moved. */
 void pliant_patch_reset(pliant_patch *patch);
 

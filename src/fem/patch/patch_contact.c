@@ -146,12 +146,6 @@ pliant_status pliant_patch_divide(pliant_data *data, pliant_contacts **coarse)
     return PLIANT_OK;
 }
 
-bool pliant_patch_holds(const pliant_data *data, int32_t point)
-{
-    const pliant_patch *patch = data->patch;
-    return patch && patch->inside.count + patch->outside.count == data->contacts.count && patch->point_of[point] < 0;
-}
-
 void patch_merge(pliant_data *data)
 {
     const pliant_patch *patch = data->patch;

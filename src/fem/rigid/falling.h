@@ -42,13 +42,8 @@ const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *fal
 double pliant_falling_ball(const pliant_falling *falling, int32_t piece, bool now, double centre[3], double *radius);
 /* Whether it may meet a tool in this step: it is followed, then. */
 void pliant_falling_mark(pliant_falling *falling, int32_t piece, bool meets);
-/* Whether no tool holds it, and it hangs on nothing. */
-bool pliant_falling_lies_free(const pliant_falling *falling, int32_t piece);
 /* Amid a step: their nodes are where it found them. Explicit dynamics moves them itself. */
 void pliant_falling_stay(const pliant_falling *falling, double *positions);
-/* Or, of those that touch something or may meet a tool, where the forces of contacts take them, as far as is known before the step ends: points of them are solved for around that from now
- * on. @return how far off a node is by what they were solved around before [m] */
-double pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions);
 /* They are there, and do not move. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
 

@@ -109,15 +109,6 @@ double pliant_falling_ball(const pliant_falling *falling, int32_t p, bool now, d
 
 void pliant_falling_mark(pliant_falling *falling, int32_t p, bool meets) { falling->pieces[p].meets = meets; }
 
-bool pliant_falling_lies_free(const pliant_falling *falling, int32_t p)
-{
-    const pliant_pieces *pieces = falling->body->pieces;
-    bool free = true;
-    for (int g = 0; g < falling->num_grips; g++) free = free && falling->grips[g].piece != p;
-    for (int32_t j = 0; j < pieces->num_joints; j++) free = free && falling->piece_of[falling->place[pieces->joint[2 * j]]] != p;
-    return free;
-}
-
 double pliant_falling_foresee(pliant_data *data)
 {
     pliant_falling *falling = data->falling;
@@ -365,34 +356,4 @@ void pliant_falling_move_touched(const pliant_falling *falling, const pliant_dat
         body->momentum[d] = 0;
         for (int k = 0; k < 3; k++) body->momentum[d] += body->inertia[3 * d + k] * moved[3 + k] / step;
     }
-}
-
-double pliant_falling_ahead(pliant_falling *falling, const pliant_contacts *contacts, double *positions)
-{
-    const double still[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-    const pliant_pieces *pieces = falling->body->pieces;
-    double most = 0;
-    (void)pliant_falling_is_touched(falling, contacts);
-    for (int32_t p = 0; p < pieces->count && !falling->body->has_inertia; p++) {
-        const piece *at = falling->pieces + p;
-        const double *centre = falling->touch[p].centre;
-        double *moved = falling->touch[p].ahead, before[6], rotation[9], turned = 0, differs = 0;
-        if (!at->touched && (!at->meets || at->rests || at->gone)) continue;
-        memcpy(before, moved, sizeof before);
-        moved_by(falling, contacts, p, moved);
-        pliant_rigid_turn(moved + 3, still, rotation);
-        for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) {
-            const double *x = falling->x + 3 * (size_t)i, arm[3] = {x[0] - centre[0], x[1] - centre[1], x[2] - centre[2]};
-            for (int r = 0; r < 3; r++)
-                positions[3 * (size_t)pieces->node[i] + (size_t)r] =
-                    centre[r] + moved[r] + rotation[3 * r] * arm[0] + rotation[3 * r + 1] * arm[1] + rotation[3 * r + 2] * arm[2];
-        }
-        for (int d = 3; d < 6; d++) {
-            turned = fmax(turned, fmax(fabs(before[d]), fabs(moved[d])));
-            differs = fmax(differs, fabs(moved[d] - before[d]));
-        }
-        const double about[3] = {turned * differs, 0, 0}, nowhere[3] = {0, 0, 0}; /* what a turn adds beyond the first order goes by its square */
-        if (at->touched) most = fmax(most, farthest_of(falling, p, centre, nowhere, about));
-    }
-    return most;
 }
