@@ -1,14 +1,81 @@
-// The README's table of scene options is the one that the program prints.
+// The documents: the table of scene options is the table that the program prints, every link leads to a file and a heading, and no
+// document is longer than a reader can search.
 #include "programs/options_table.h"
 
+#include <cctype>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <gtest/gtest.h>
+#include <regex>
+#include <set>
 #include <sstream>
 #include <string>
+#include <sys/stat.h>
+#include <vector>
 
 namespace {
+
+const std::string root = PLIANT_SOURCE_DIR "/";
+const char *const OPTIONS = "src/scene/README.md";
+
+struct Document {
+    const char *path;
+    size_t most_lines;
+};
+/* src/fem/NUMERICS.md and src/contact/NUMERICS.md are limited by words, not lines */
+const std::vector<Document> DOCUMENTS = {
+    {"README.md", 760},
+    {OPTIONS, 250},
+    {"src/README.md", 250},
+    {"launch/README.md", 250},
+    {"launch/docker/README.md", 250},
+};
+
+std::string read(const std::string &path)
+{
+    std::ifstream file(path);
+    EXPECT_TRUE(file) << path;
+    std::stringstream stream;
+    stream << file.rdbuf();
+    return stream.str();
+}
+
+/* Lines outside of code blocks. */
+std::vector<std::string> text_lines(const std::string &document)
+{
+    std::vector<std::string> out;
+    std::stringstream stream(document);
+    bool is_code = false;
+    for (std::string line; std::getline(stream, line);) {
+        if (line.compare(0, 3, "```") == 0) is_code = !is_code;
+        else if (!is_code) out.push_back(line);
+    }
+    return out;
+}
+
+/* Names by which links reach headings: lower case, blanks become hyphens, other marks vanish. */
+std::set<std::string> anchors(const std::string &document)
+{
+    std::set<std::string> out;
+    for (const std::string &line : text_lines(document)) {
+        const size_t begin = line.find_first_not_of('#');
+        if (begin == 0 || begin == std::string::npos || line[begin] != ' ') continue;
+        std::string name;
+        for (char c : line.substr(begin + 1)) {
+            if (std::isalnum(static_cast<unsigned char>(c)) || c == '-' || c == '_') name += static_cast<char>(std::tolower(c));
+            else if (c == ' ') name += '-';
+        }
+        out.insert(name);
+    }
+    return out;
+}
+
+bool is_there(const std::string &path)
+{
+    struct stat status;
+    return stat(path.c_str(), &status) == 0;
+}
 
 std::string printed_table()
 {
@@ -25,17 +92,45 @@ std::string printed_table()
 TEST(Readme, ShowsTheOptionsAsTheyAre)
 {
     const std::string begin = "<!-- scene options: pliant_deform --options -->\n", end = "<!-- end of scene options -->\n";
-    std::ifstream file(PLIANT_SOURCE_DIR "/README.md");
-    ASSERT_TRUE(file);
-    std::stringstream stream;
-    stream << file.rdbuf();
-    std::string readme = stream.str();
-    size_t from = readme.find(begin), to = readme.find(end);
+    const std::string document = read(root + OPTIONS);
+    size_t from = document.find(begin), to = document.find(end);
     ASSERT_NE(from, std::string::npos);
     ASSERT_NE(to, std::string::npos);
     from += begin.size();
-    EXPECT_EQ(readme.substr(from, to - from), printed_table())
-        << "put the output of `pliant_deform --options` between the two comments of README.md";
+    EXPECT_EQ(document.substr(from, to - from), printed_table())
+        << "put the output of `pliant_deform --options` between the two comments of " << OPTIONS;
+}
+
+TEST(Readme, DocumentsAreShort)
+{
+    for (const Document &document : DOCUMENTS) {
+        std::stringstream stream(read(root + document.path));
+        size_t lines = 0;
+        for (std::string line; std::getline(stream, line);) lines++;
+        EXPECT_GT(lines, 0u) << document.path;
+        EXPECT_LE(lines, document.most_lines) << document.path;
+    }
+}
+
+TEST(Readme, LinksLeadToFilesAndHeadings)
+{
+    const std::regex link("\\]\\(([^)\\s]+)\\)");
+    int count = 0;
+    for (const Document &document : DOCUMENTS) {
+        const std::string path = document.path, folder = path.substr(0, path.find_last_of('/') + 1);
+        for (const std::string &line : text_lines(read(root + path)))
+            for (std::sregex_iterator found(line.begin(), line.end(), link), none; found != none; ++found) {
+                const std::string target = (*found)[1];
+                if (target.compare(0, 4, "http") == 0) continue;
+                const size_t mark = target.find('#');
+                const std::string file = mark == 0 ? root + path : root + folder + target.substr(0, mark);
+                EXPECT_TRUE(is_there(file)) << path << " links to " << target;
+                if (mark != std::string::npos && is_there(file))
+                    EXPECT_TRUE(anchors(read(file)).count(target.substr(mark + 1))) << path << " links to " << target;
+                count++;
+            }
+    }
+    EXPECT_GT(count, 20);
 }
 
 } // namespace
