@@ -1,14 +1,17 @@
-/* A 24 x 24 stiffness for every coarse cube from the fine elements in it: what averages in place of points are for tetrahedra (NUMERICS 2).
+/* A 24 x 24 stiffness for every coarse cube from the fine elements in it: what averages in place of points are for
+ * tetrahedra (NUMERICS 2).
  *
- * The 18 stresses tau that a trilinear cube of homogeneous tissue has, with one change of volume, times the part of tissue, make loads
- * Phi = sum over the fine elements of int B' tau. Where K is the fine stiffness with a free boundary and P the trilinear map from the corners, the
- * cube has the least energy that fine displacements u with Phi'u = Phi'P u_c can have:
+ * The 18 stresses tau that a trilinear cube of homogeneous tissue has, with one change of volume, times the part of
+ * tissue, make loads Phi = sum over the fine elements of int B' tau. Where K is the fine stiffness with a free boundary
+ * and P the trilinear map from the corners, the cube has the least energy that fine displacements u with Phi'u = Phi'P
+ * u_c can have:
  *     H = Phi' K^-1 Phi,   K_c = (Phi'P)' H^-1 (Phi'P).
- * It passes the patch test, is never stiffer than P'KP, and of homogeneous tissue about the hexahedron of the coarse cube. Stresses that are in
- * balance (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are as good between soft and stiff; with them a beam of three cubes sags 2 % less.
+ * It passes the patch test, is never stiffer than P'KP, and of homogeneous tissue about the hexahedron of the coarse
+ * cube. Stresses that are in balance (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are as good between soft
+ * and stiff; with them a beam of three cubes sags 2 % less.
  *
- * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS 7.1): P'KP with these nodes held, one change of volume
- * in all, R = I; so, but for the last, are cubes whose fine elements fall apart. */
+ * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS 7.1): P'KP with these
+ * nodes held, one change of volume in all, R = I; so, but for the last, are cubes whose fine elements fall apart. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
@@ -23,8 +26,8 @@ enum { MODES = 18, UNKNOWNS = 24, CORNERS = 8 };
 
 /* ---- stresses */
 
-/* tau of a mode at a point y in [-1, 1]^3 of a cube of this size, in the axes of the lattice: six that are constant, then what a displacement
- * u_i = xy, yz, xz or xyz has without its change of volume */
+/* tau of a mode at a point y in [-1, 1]^3 of a cube of this size, in the axes of the lattice: six that are constant,
+ * then what a displacement u_i = xy, yz, xz or xyz has without its change of volume */
 static void mode_at(int mode, const double y[3], const double size[3], double tau[3][3])
 {
     memset(tau, 0, 9 * sizeof tau[0][0]);
@@ -140,7 +143,8 @@ static bool root_by_factor(const double h[MODES * MODES], const double g[MODES *
     return true;
 }
 
-/* The same where stresses cannot all be told apart by what is there of the cube: returns how many rows. h is overwritten. */
+/* The same where stresses cannot all be told apart by what is there of the cube: returns how many rows. h is
+ * overwritten. */
 static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
 {
     double values[MODES], vectors[MODES * MODES], most = 0;
@@ -205,7 +209,8 @@ static pliant_status place_nodes(const pliant_cube_work *work, const pliant_subm
     return PLIANT_OK;
 }
 
-/* Condensed on the corners, and brought to what a hexahedron is of homogeneous tissue (calibrate.h): returns the rank of its root, 0: it cannot be */
+/* Condensed on the corners, and brought to what a hexahedron is of homogeneous tissue (calibrate.h): returns the rank
+ * of its root, 0: it cannot be */
 static int32_t calibrate(const pliant_cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
 {
     const pliant_mesh *coarse = work->system->mesh;
@@ -301,7 +306,8 @@ static pliant_status make_all(pliant_cube_work *work, pliant_progress progress)
 
 /* ---- what is fixed */
 
-/* Elements with fixed fine nodes that do not follow fixed corners alone; of schur, all with fixed fine nodes (pliant_cubes_schur_begin). */
+/* Elements with fixed fine nodes that do not follow fixed corners alone; of schur, all with fixed fine nodes
+ * (pliant_cubes_schur_begin). */
 static void find_grounded(const pliant_cube_work *work, const uint8_t *coarse_fixed)
 {
     const pliant_system *system = work->system;
@@ -316,7 +322,8 @@ static void find_grounded(const pliant_cube_work *work, const uint8_t *coarse_fi
     for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = macros->grounded[work->element_of_tet[t]];
 }
 
-/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part of the mean stiffness. */
+/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part
+ * of the mean stiffness. */
 static pliant_status ground(pliant_macros *macros)
 {
     const double part = 1e-4;

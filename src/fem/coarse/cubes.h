@@ -46,7 +46,8 @@ void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room 
 pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root);
 
 /* ---- cubes_schur.c: condensed on the corners, [H] 1 to 7, as tetrahedra are (homogenize.c) */
-/* Lists of the fine elements of each coarse one, and whether some of their nodes are fixed; hexahedra have whole fine ones. Errors: MEMORY. */
+/* Lists of the fine elements of each coarse one, and whether some of their nodes are fixed; hexahedra have whole fine
+ * ones. Errors: MEMORY. */
 pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch);
 /* One whose submesh is loaded, and its room filled where it is a hexahedron. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element);

@@ -1,5 +1,5 @@
-/* [H] 1 to 7 on eight corners: the fine elements of a coarse cube are condensed on its corners, and fine nodes follow the shape functions of all
- * coarse elements whose submesh holds them. */
+/* [H] 1 to 7 on eight corners: the fine elements of a coarse cube are condensed on its corners, and fine nodes follow
+ * the shape functions of all coarse elements whose submesh holds them. */
 #include "fem/coarse/cubes.h"
 
 #include "base/fail.h"
@@ -23,7 +23,8 @@ static int compare_numbers(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* One element's list with all of the fine hexahedra that some tetrahedra in it are of. seen: (hexahedra) who had each last, + 1. Returns how many. */
+/* One element's list with all of the fine hexahedra that some tetrahedra in it are of. seen: (hexahedra) who had each
+ * last, + 1. Returns how many. */
 static int32_t complete(const pliant_cube_work *work, int32_t element, int32_t *seen, int32_t *out)
 {
     int32_t count = 0;

@@ -1,9 +1,11 @@
-/* Where a cut runs, coarse elements are those of the fine mesh: no element whose corners lie further apart than the cut is deep opens as tissue does
- * (NUMERICS 10). A coarse cube is refined where one of its fine cubes lies by the cut, or beside one that does, so that what a cut's end bends is fine as well.
- * Elsewhere coarse elements stay, to the bit, what they were at load.
+/* Where a cut runs, coarse elements are those of the fine mesh: no element whose corners lie further apart than the cut
+ * is deep opens as tissue does (NUMERICS 10). A coarse cube is refined where one of its fine cubes lies by the cut, or
+ * beside one that does, so that what a cut's end bends is fine as well. Elsewhere coarse elements stay, to the bit,
+ * what they were at load.
  *
- * Between the two, fine nodes of coarse elements follow these linearly, u = C u_m (Hughes, The Finite Element Method, 3.A), and a fine element with such
- * corners has C'KC on the nodes that they follow: a fine cube has no more than three faces in those of its coarse cube, so that these are eight at most.
+ * Between the two, fine nodes of coarse elements follow these linearly, u = C u_m (Hughes, The Finite Element Method,
+ * 3.A), and a fine element with such corners has C'KC on the nodes that they follow: a fine cube has no more than three
+ * faces in those of its coarse cube, so that these are eight at most.
  *
  * Of a body that follows another, what a cut has not come near is that of the system before. */
 #include "base/fail.h"
@@ -139,7 +141,8 @@ static void mark_around(const pliant_mesh *mesh, int32_t place, cell_list *list)
     }
 }
 
-/* Fine cubes with a place that has several nodes, or with fragments of a tetrahedron: where any were appended since load. */
+/* Fine cubes with a place that has several nodes, or with fragments of a tetrahedron: where any were appended since
+ * load. */
 static void mark_cut(const grading *work, cell_list *list)
 {
     const pliant_mesh *fine = work->fine, *load = work->base->fine;

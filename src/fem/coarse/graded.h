@@ -1,4 +1,5 @@
-/* What making a graded system needs (graded.c), shared by those who find its elements (graded_elements.c) and how fine nodes follow (graded_follow.c). */
+/* What making a graded system needs (graded.c), shared by those who find its elements (graded_elements.c) and how fine
+ * nodes follow (graded_follow.c). */
 #ifndef PLIANT_FEM_COARSE_GRADED_H
 #define PLIANT_FEM_COARSE_GRADED_H
 

@@ -1,4 +1,5 @@
-/* From the solved nodes of one body to those of the next, where cuts have made fine elements of coarse ones (graded.c). */
+/* From the solved nodes of one body to those of the next, where cuts have made fine elements of coarse ones
+ * (graded.c). */
 #include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -36,7 +37,8 @@ static void find_nearest(const pliant_system *system, int32_t *nearest, double *
     }
 }
 
-/* Of coarse nodes that no element had: as far as the fine node that follows them most now. fine: positions of the fine nodes now */
+/* Of coarse nodes that no element had: as far as the fine node that follows them most now. fine: positions of the fine
+ * nodes now */
 static pliant_status place_unused(const pliant_system *system, const pliant_system *before, const double *fine, double *out)
 {
     const int32_t coarse = before->graded->coarse_nodes;

@@ -1,5 +1,5 @@
-/* The elements of a graded system (graded.c): those of the coarse mesh that are left, then of the fine mesh hexahedra, then tetrahedra. What the system
- * of the body before had is copied. */
+/* The elements of a graded system (graded.c): those of the coarse mesh that are left, then of the fine mesh hexahedra,
+ * then tetrahedra. What the system of the body before had is copied. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/coarse/graded.h"
@@ -21,7 +21,8 @@ typedef struct fine_elements {
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
 
-/* Elements [from, to) of other ones as those from e on: gradients, most of what they are, and all but those, where start[e] is known. Roots are those blocks. */
+/* Elements [from, to) of other ones as those from e on: gradients, most of what they are, and all but those, where
+ * start[e] is known. Roots are those blocks. */
 static void copy_gradients(const pliant_macros *was, int32_t from, int32_t to, pliant_macros *macros, int32_t e)
 {
     memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * (size_t)(to - from) * sizeof *was->gradient);
@@ -44,7 +45,8 @@ static void copy_others(const pliant_macros *was, int32_t from, int32_t to, plia
 
 /* ---- of the coarse mesh */
 
-/* The next coarse elements in order whose cubes are not refined, [*from, *to); *to: where those before end. false: there are none */
+/* The next coarse elements in order whose cubes are not refined, [*from, *to); *to: where those before end. false:
+ * there are none */
 static bool next_base(const grading *work, int32_t *from, int32_t *to)
 {
     const int32_t count = work->elements->count, *cell = work->elements->cell;
@@ -99,8 +101,8 @@ static bool is_held(const grading *work, int32_t node)
     return node < coarse_nodes ? work->base->free_of_node[node] < 0 : work->body->fine_fixed[node - coarse_nodes] != PLIANT_MOVES;
 }
 
-/* Beside fixed nodes inside a coarse element, and nodes that were moved onto bone, there are more than eight: then it keeps R = I, as that element does,
- * and what is fixed at rest adds nothing. Returns how many are left. */
+/* Beside fixed nodes inside a coarse element, and nodes that were moved onto bone, there are more than eight: then it
+ * keeps R = I, as that element does, and what is fixed at rest adds nothing. Returns how many are left. */
 static int drop_fixed(const grading *work, int n, int count, int32_t *list, double c[][CORNERS * CORNERS])
 {
     int kept = 0;
@@ -114,7 +116,8 @@ static int drop_fixed(const grading *work, int n, int count, int32_t *list, doub
     return kept;
 }
 
-/* The nodes that an element's corners are or follow, in the place of its corners: gradient and root are those of the element yet. */
+/* The nodes that an element's corners are or follow, in the place of its corners: gradient and root are those of the
+ * element yet. */
 static pliant_status lead(const grading *work, const int32_t *node, int n, int32_t e)
 {
     pliant_macros *macros = work->system->macros;
@@ -162,7 +165,8 @@ static bool is_fixed(const grading *work, const int32_t *node, int n)
     return true;
 }
 
-/* What the system before has of these nodes, and of the same kind, with nothing about them changed: 1 + that element; 0: none */
+/* What the system before has of these nodes, and of the same kind, with nothing about them changed: 1 + that element;
+ * 0: none */
 static int32_t find_same(const fine_elements *fine, int32_t first, const int32_t *node, int n, bool cube)
 {
     const grading *work = fine->work;
@@ -308,7 +312,8 @@ static pliant_status add_fine(grading *work)
     return status;
 }
 
-/* Where fine nodes follow the shape functions of elements, one that moves by itself has an element of its own, without stiffness. */
+/* Where fine nodes follow the shape functions of elements, one that moves by itself has an element of its own, without
+ * stiffness. */
 static void add_points(grading *work)
 {
     pliant_macros *macros = work->system->macros;

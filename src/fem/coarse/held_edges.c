@@ -1,13 +1,14 @@
 /* Coarse hexahedra where what is held ends at a free surface (NUMERICS 2).
  *
- * Stress is singular along such an edge. The energy that elements of a size h miss there makes the whole body too stiff, by about h^1.1, however exact
- * they are elsewhere. Taking a part of their stiffness off the elements at the edge, the same part for every size, makes up for it (energy-corrected finite
- * elements: Egger, Ruede, Wohlmuth, SIAM J. Numer. Anal. 52:171, 2014); of coarse elements for what they miss and the fine ones do not, 1 - ratio^-1.1 of
- * that. The singularity is the stronger the less tissue changes its volume, and there is none at a Poisson's ratio of 0: of their stiffness
- * 1 / (1 + part (1 - ratio^-order) alike lambda / (lambda + knee mu)) is kept.
+ * Stress is singular along such an edge. The energy that elements of a size h miss there makes the whole body too
+ * stiff, by about h^1.1, however exact they are elsewhere. Taking a part of their stiffness off the elements at the
+ * edge, the same part for every size, makes up for it (energy-corrected finite elements: Egger, Ruede, Wohlmuth, SIAM
+ * J. Numer. Anal. 52:171, 2014); of coarse elements for what they miss and the fine ones do not, 1 - ratio^-1.1 of
+ * that. The singularity is the stronger the less tissue changes its volume, and there is none at a Poisson's ratio of
+ * 0: of their stiffness 1 / (1 + part (1 - ratio^-order) alike lambda / (lambda + knee mu)) is kept.
  *
- * Where tissue is soft and stiff, condensed elements are too soft themselves and need none of this: alike is the square of the harmonic over the
- * arithmetic mean of the shear moduli, 1 for tissue of one modulus. */
+ * Where tissue is soft and stiff, condensed elements are too soft themselves and need none of this: alike is the square
+ * of the harmonic over the arithmetic mean of the shear moduli, 1 for tissue of one modulus. */
 #include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"

@@ -1,11 +1,11 @@
 /* A 12 x 12 stiffness for every coarse tetrahedron from its fine submesh.
  *
  * schur:    [H] 1 to 7, as written. Too soft, and fails the patch test: point loads carry the element (NUMERICS 1).
- * calibrated: the same, brought to the right stiffness of homogeneous material (calibrate.c).
- * averaged: the submesh is held by the averages of its gradient and displacement instead (NUMERICS 2): passes the patch
+ * calibrated: the same, brought to the right stiffness of homogeneous material (calibrate.c). averaged: the submesh is
+ * held by the averages of its gradient and displacement instead (NUMERICS 2): passes the patch
  *           test and stays bounded as the fine mesh is refined.
- * A coarse tetrahedron whose submesh holds fixed fine nodes is grounded: it keeps R = I, since without its rigid null space
- * corotation would be wrong (NUMERICS 1 and 7.1). */
+ * A coarse tetrahedron whose submesh holds fixed fine nodes is grounded: it keeps R = I, since without its rigid null
+ * space corotation would be wrong (NUMERICS 1 and 7.1). */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
@@ -154,9 +154,9 @@ static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[
     return true;
 }
 
-/* Every 12 x 12 is checked where it is made: one that is not positive semidefinite, up to rounding, would let the solver run away. It
- * cannot come from a positive semidefinite submesh but by rounding: fragments that touch at an edge or a corner alone move without force,
- * and then neither the averages nor the corners determine their shape. */
+/* Every 12 x 12 is checked where it is made: one that is not positive semidefinite, up to rounding, would let the
+ * solver run away. It cannot come from a positive semidefinite submesh but by rounding: fragments that touch at an edge
+ * or a corner alone move without force, and then neither the averages nor the corners determine their shape. */
 static bool is_semidefinite(const double k[144])
 {
     double shifted[144], trace = 0;
@@ -173,7 +173,8 @@ static void find_corners(const pliant_submesh *submesh, int32_t tet, int32_t cor
     for (int v = 0; v < 4; v++) corner[v] = pliant_submesh_corner(submesh, submesh->coarse->tets[4 * tet + v]);
 }
 
-/* Fragments that a cut has left without a fine node at a corner cannot be condensed on it: their nodes follow the corners linearly. */
+/* Fragments that a cut has left without a fine node at a corner cannot be condensed on it: their nodes follow the
+ * corners linearly. */
 static bool has_corners(const pliant_submesh *submesh, int32_t tet)
 {
     int32_t corner[4];
@@ -265,8 +266,8 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
     return status;
 }
 
-/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part of
- * the mean stiffness. */
+/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part
+ * of the mean stiffness. */
 static const double ground_stiffness = 1e-4;
 
 static void ground(pliant_system *system)

@@ -50,7 +50,8 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
     return status;
 }
 
-/* Hexahedra of tissue whose volume changes as easily as at a Poisson's ratio of 0.43; what is left out of that goes to lod->bulk. */
+/* Hexahedra of tissue whose volume changes as easily as at a Poisson's ratio of 0.43; what is left out of that goes to
+ * lod->bulk. */
 static pliant_status make_hexahedra(lod_builder *lod)
 {
     const double most = 6; /* lambda over mu */
@@ -101,8 +102,9 @@ static pliant_status assemble_fine(lod_builder *lod)
 
 /* ---- what it takes */
 
-/* One core of an AVX-512 server needs about this for a corrector: ordering; the factor, whose operations grow as nodes^2 in space
- * (nested dissection) and whose numbers as nodes^(4/3); a solve for every column; and for the macro-element N'(K_C N). */
+/* One core of an AVX-512 server needs about this for a corrector: ordering; the factor, whose operations grow as
+ * nodes^2 in space (nested dissection) and whose numbers as nodes^(4/3); a solve for every column; and for the
+ * macro-element N'(K_C N). */
 static const double factor_numbers = 110;
 
 /* fill: a factor of hexahedra has so many times the numbers (NUMERICS 5) */

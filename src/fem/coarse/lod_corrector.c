@@ -103,8 +103,8 @@ static void columns_of(const pliant_pattern *pattern, double *values, int32_t co
     out[2] = out[1] + 3 * height - 1;
 }
 
-/* the part of the whole matrix that belongs to the patch; a little is added to the diagonal, for pieces that the patch cuts off
- * at an edge */
+/* the part of the whole matrix that belongs to the patch; a little is added to the diagonal, for pieces that the patch
+ * cuts off at an edge */
 static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, patch_problem *patch)
 {
     const double supported = 1e-10;
@@ -170,7 +170,8 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
 
 static int32_t held_of(const patch_problem *patch) { return 3 * patch->num_means + patch->num_bulk; }
 
-/* of a cube the change of volume as one, weighed (lod.h), on the patch: b (3 count); of the corners' interpolation: p (24). Returns the weight. */
+/* of a cube the change of volume as one, weighed (lod.h), on the patch: b (3 count); of the corners' interpolation: p
+ * (24). Returns the weight. */
 static double change_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, double *b, double p[COLUMNS])
 {
     double whole = 0;
@@ -237,8 +238,9 @@ static void take_held(const patch_problem *patch, int32_t columns, const double 
     }
 }
 
-/* Of K + B B' under Phi'Q = 0: Q = Z_G - [Z_Phi, Z_B] S^-1 [Phi, B]' Z_G in place of Z_G, S = [Phi, B]' [Z_Phi, Z_B] and 1 more on the diagonal of B'Z_B.
- * Means that depend on each other on what little of the patch is free leave that matrix singular: a little is added to its scaled diagonal. */
+/* Of K + B B' under Phi'Q = 0: Q = Z_G - [Z_Phi, Z_B] S^-1 [Phi, B]' Z_G in place of Z_G, S = [Phi, B]' [Z_Phi, Z_B]
+ * and 1 more on the diagonal of B'Z_B. Means that depend on each other on what little of the patch is free leave that
+ * matrix singular: a little is added to its scaled diagonal. */
 static pliant_status hold_means(patch_problem *patch)
 {
     const double relaxed = 1e-10;

@@ -239,7 +239,8 @@ static void add_bulk(const lod_builder *lod, const lod_room *room, int32_t cube,
         for (size_t j = 0; j <= i; j++) work->matrix[columns * i + j] += row[i] * row[j] / whole;
 }
 
-/* N' K_C N, lower triangle; corners of grounded cubes may move what is fixed alone, and would be left without stiffness */
+/* N' K_C N, lower triangle; corners of grounded cubes may move what is fixed alone, and would be left without
+ * stiffness */
 static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
 {
     size_t columns = 3 * (size_t)work->num_corners;
@@ -257,7 +258,8 @@ static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
     }
 }
 
-/* blocks of N below this part move nothing that can be seen; of an upsampled displacement, not of the matrix (NUMERICS 4) */
+/* blocks of N below this part move nothing that can be seen; of an upsampled displacement, not of the matrix (NUMERICS
+ * 4) */
 static const double smallest_shape = 1e-4;
 
 static bool counts(const double *shape, size_t columns, size_t corner)

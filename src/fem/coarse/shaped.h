@@ -1,10 +1,11 @@
-/* Where a fine node goes with one coarse tetrahedron, by homogenized shape functions N: the same lines for the CPU (upsample.c) and for
- * kernels (cuda/fem/coarse/upsample.cu). Corners are 4 x 3, row-major.
+/* Where a fine node goes with one coarse tetrahedron, by homogenized shape functions N: the same lines for the CPU
+ * (upsample.c) and for kernels (cuda/fem/coarse/upsample.cu). Corners are 4 x 3, row-major.
  *
- * In the frame of the tetrahedron, [H] 4, 5 and 7:  x_f = R (N u_c + X_f - C) + c,  u_c = R'(x_c - c) - (X_c - C), with c and C the means
- * of its corners now and at rest. That takes for granted that rigid motions pass through N unchanged. Where fixed fine nodes have been
- * removed from the submesh ([H] 4.2) they do not: N carries displacements against something that stays where it is. There R = I and
- * c = C = 0, so that  x_f = X_f + N (x_c - X_c),  as the tetrahedron's forces have it (elements.c). */
+ * In the frame of the tetrahedron, [H] 4, 5 and 7:  x_f = R (N u_c + X_f - C) + c,  u_c = R'(x_c - c) - (X_c - C), with
+ * c and C the means of its corners now and at rest. That takes for granted that rigid motions pass through N unchanged.
+ * Where fixed fine nodes have been removed from the submesh ([H] 4.2) they do not: N carries displacements against
+ * something that stays where it is. There R = I and c = C = 0, so that  x_f = X_f + N (x_c - X_c),  as the
+ * tetrahedron's forces have it (elements.c). */
 #ifndef PLIANT_FEM_COARSE_SHAPED_H
 #define PLIANT_FEM_COARSE_SHAPED_H
 

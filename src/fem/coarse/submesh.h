@@ -32,8 +32,8 @@ typedef struct pliant_submesh {
     int32_t *local_of;   /* (fine nodes) or -1 */
     int32_t *slot;       /* (num_nodes) room for a second numbering */
     const int32_t *tets; /* (num_tets) fine tetrahedra */
-    /* Nullable: hexahedra of the fine mesh, in place of their tetrahedra; cube_of_tet: (fine tetrahedra) or -1. Who loads a list that holds
-     * a part of one alone sets them to NULL before. */
+    /* Nullable: hexahedra of the fine mesh, in place of their tetrahedra; cube_of_tet: (fine tetrahedra) or -1. Who
+     * loads a list that holds a part of one alone sets them to NULL before. */
     const pliant_cube *cubes;
     const int32_t *cube_of_tet;
     const pliant_cube_shape *shapes;     /* (2) by parity; of meshes with moved nodes room for one that is made anew */
@@ -57,9 +57,10 @@ const pliant_cube_shape *pliant_submesh_shape(const pliant_submesh *submesh, con
 bool pliant_submesh_has_fixed(const pliant_submesh *submesh);
 
 /* ---- condense.c */
-/* Schur complement on some of its nodes, [H] 3, and shape functions [H] 6: out (n x n), shape (num_nodes x 3 x n), n = 3 corners, at most 24, by the
- * first n columns of work. Fixed nodes are removed from the problem and their shape functions are zero ([H] 4.2). corner: by their numbers there, or
- * -1. False: one is missing, or what is left falls apart. */
+/* Schur complement on some of its nodes, [H] 3, and shape functions [H] 6: out (n x n), shape (num_nodes x 3 x n), n =
+ * 3 corners, at most 24, by the first n columns of work. Fixed nodes are removed from the problem and their shape
+ * functions are zero ([H] 4.2). corner: by their numbers there, or -1. False: one is missing, or what is left falls
+ * apart. */
 bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t *corner, double *out, double *shape);
 /* The reference that it is calibrated on: Young's modulus 1, the mean Poisson's ratio of its tissue. */
 pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh);
@@ -68,16 +69,16 @@ bool pliant_submesh_condense_both(pliant_submesh *submesh, int corners, const in
                                   double *of_reference);
 
 /* ---- homogenize.c */
-/* Its stiffness with a stiff term on its six rigid modes, factored into square: for loads without resultant the answer is that of any six
- * supports. modes: (3 num_nodes x 6) out. False: it falls apart. */
+/* Its stiffness with a stiff term on its six rigid modes, factored into square: for loads without resultant the answer
+ * is that of any six supports. modes: (3 num_nodes x 6) out. False: it falls apart. */
 bool pliant_submesh_factor(pliant_submesh *submesh, double *modes);
 
-/* Of a coarse tetrahedron whose list is loaded; grounded: K of its corners with fixed nodes held. *linear: its corners are
- * followed linearly, since it falls apart. Errors: NUMERIC. */
+/* Of a coarse tetrahedron whose list is loaded; grounded: K of its corners with fixed nodes held. *linear: its corners
+ * are followed linearly, since it falls apart. Errors: NUMERIC. */
 pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear);
 
-/* Condensed on its corners, and the shape functions (num_nodes x 36); a fragment that has none of its corners follows them linearly.
- * Errors: NUMERIC. */
+/* Condensed on its corners, and the shape functions (num_nodes x 36); a fragment that has none of its corners follows
+ * them linearly. Errors: NUMERIC. */
 pliant_status pliant_schur_tet(pliant_submesh *submesh, int32_t tet, double out[144], double *shape);
 
 #ifdef __cplusplus

@@ -1,30 +1,35 @@
-/* What a hexahedron of explicit dynamics has against the modes that its mean gradient does not see (tled_cubes.h), for the CPU and for kernels: the
- * strain that is linear in it, which bending and torsion make.
+/* Stiffness of a hexahedron in explicit dynamics against hourglass modes (tled_cubes.h), shared by CPU and kernels. It
+ * resists the linear part of the strain in bending and torsion, which the mean gradient does not contain.
  *
- * With f_a = dx/dX_a of the mean gradient and w_k the mode +-+- without axis k, y_ka = f_a . w_k does not feel a rotation, and by Green's strain
+ * With f_a = dx/dX_a of the mean gradient and w_k the mode +-+- without axis k, y_ka = f_a . w_k is independent of
+ * rotations. By Green's strain
  *     e_aa = y_ka / 4 h_a   and   e_kk = y_ak / 4 h_k           times s_b,   a, b, k all axes and s_b from -1 to 1 along b,
  *     gamma_ak = y_kk / 4 h_a + y_aa / 4 h_k                     times s_b.
- * Incompatible modes (Simo and Rifai, Int. J. Numer. Meth. Engng 29:1595, 1990; of one point, Belytschko and Bindeman, Comput. Meth. Appl. Mech. Engng
- * 105:225, 1993) take away what bending would cost in shear, and the stress along b:
+ *
+ * Incompatible modes (Simo and Rifai, Int. J. Numer. Meth. Engng 29:1595, 1990; with one integration point, Belytschko
+ * and Bindeman, Comput. Meth. Appl. Mech. Engng 105:225, 1993) remove the shear energy of bending, and the stress along
+ * b:
  *     W = V/3 sum over b of  mu (e_aa^2 + e_kk^2) + c mu (e_aa + e_kk)^2 + 1/2 t mu gamma_ak^2,   c = lambda / (lambda + 2 mu),   t = 1.
- * Here c is taken three fourths (NUMERICS 5), and t is what a square bar one cube thin has against torsion, 0.1406 for 1/6 h^4 (Timoshenko and Goodier,
- * Theory of Elasticity, 109). As much of W as every mode has in any direction is of |w_k|^2, so that a cube that is pressed flat keeps it. */
+ *
+ * The implementation uses three fourths of this c (NUMERICS 5). Its t matches the torsion of a square bar one cube
+ * thin, 0.1406 instead of 1/6 h^4 (Timoshenko and Goodier, Theory of Elasticity, 109). The isotropic part of W depends
+ * on |w_k|^2 alone, so that a flattened cube keeps this stiffness. */
 #ifndef PLIANT_FEM_DYNAMICS_CUBE_BENDING_H
 #define PLIANT_FEM_DYNAMICS_CUBE_BENDING_H
 
 #include "base/inline.h"
 
-/* numbers of a smallest cell; what has relaxed in the end (Prony) is taken off */
+/* Values of a smallest cell. Fully relaxed Prony shares are subtracted. */
 typedef struct pliant_cube_bending {
     float direction[9]; /* unit vectors along the axes */
     float edge[3];      /* 1 / h_a [1/m] */
     float bending;      /* 8/3 / 64 */
     float torsion;      /* t 4/3 / 64 */
-    float least;        /* of |w_k|^2 / 2 over V mu [1/m^2] */
-    float twist;        /* of |w|^2 / 2 of the mode of all three axes [1/m^2] */
+    float least;        /* factor of |w_k|^2 / 2, divided by V mu [1/m^2] */
+    float twist;        /* factor of |w|^2 / 2 of the mode xyz [1/m^2] */
 } pliant_cube_bending;
 
-/* q = d/dy of W - least sum |w_k|^2 / 2 over V mu, y and q 3 k + a, y = f_a . w_k; contraction: c */
+/* Compute q = d/dy of (W - least sum |w_k|^2 / 2) / (V mu). y and q: index 3 k + a, y = f_a . w_k. contraction: c. */
 #define PLIANT_DEFINE_CUBE_BENDING(real, name)                                                                         \
     PLIANT_INLINE void name(const pliant_cube_bending *cube, real contraction, const real y[9], real q[9])             \
     {                                                                                                                  \
@@ -45,13 +50,15 @@ PLIANT_DEFINE_CUBE_BENDING(double, pliant_cube_bending_double)
 PLIANT_DEFINE_CUBE_BENDING(float, pliant_cube_bending_float)
 
 
-/* The modes of a cube that it is about, or what they have against themselves: w_k of the modes along one axis k, of those along the two others; 3 k + r */
+/* The modes of a cube, or forces on them: `along` holds w_k along axis k, `across` holds w_k of the mode of the two
+ * other axes. Index 3 k + r. */
 typedef struct pliant_cube_modes { float along[9], across[9]; } pliant_cube_modes;
 
-/* d/dw of W, times V mu.
- *  @param finer   1 over the cube's edge in smallest cells
- *  @param shear   V mu finer^2
- *  @param change  Nullable: of w in the last sub-step; damped: by so many times of it */
+/* Compute d/dw of W, times V mu.
+ * @param finer   1 divided by the cube's edge in smallest cells.
+ * @param shear   V mu finer^2.
+ * @param change  Nullable: change of w in the last sub-step.
+ * @param damped  Factor of the change in the damping. */
 PLIANT_INLINE void pliant_cube_bend(const pliant_cube_bending *cube, float finer, float shear, float contraction, const pliant_cube_modes *w,
                                     const pliant_cube_modes *change, float damped, pliant_cube_modes *out)
 {

@@ -1,4 +1,5 @@
-/* Arithmetic of a sub-step of explicit dynamics that the CPU and kernels share: what damps relaxation, what tools and walls do. */
+/* Arithmetic of a sub-step of explicit dynamics, shared by CPU and kernels: damping of relaxation, tools, contact and
+ * walls. */
 #ifndef PLIANT_FEM_DYNAMICS_SUBSTEP_H
 #define PLIANT_FEM_DYNAMICS_SUBSTEP_H
 
@@ -11,26 +12,29 @@
 extern "C" {
 #endif
 
-/* The tissue stays where normal . x >= offset. */
+/* Half-space of the tissue: normal . x >= offset. */
 typedef struct pliant_wall { double normal[3], offset; } pliant_wall;
 enum { PLIANT_MAX_WALLS = 7 };
 
-/* ---- sums over the nodes */
+/* ---- Sums over the nodes. */
 
-/* The residual over the load, from sums of squares; without a load over the smallest one. */
+/* Return the ratio of residual to load, from sums of squares. Without a load, the smallest load replaces it. */
 PLIANT_INLINE double pliant_substep_relative(double smallest_load, double residual, double load)
 {
-    const double noise = 1e-8; /* of a tool that holds without pulling */
+    const double noise = 1e-8; /* noise of a tool that holds without pulling */
     load = load > 0 ? fmax(load, noise * smallest_load) : smallest_load;
     return load > 0 ? sqrt(residual / load) : 0;
 }
 
-/* Dynamic relaxation, d+ = (a + (1 - f) d) / (1 + f). The lowest frequency that still takes part, by Rayleigh's quotient of the last increments,
- * is damped critically (Underwood 1983); over some of them, so that what rounding does to the forces, of either sign, falls out. Where stiff and soft
- * motions are far apart, what is left of the stiff ones hides the soft ones from it. f is no more, therefore, than 3 / (2 k + 1), k sub-steps after the
- * last start: Nesterov's accelerated descent, which needs to know no frequency and starts anew where increments begin to shrink (Su, Boyd and Candes,
- * A differential equation for modeling Nesterov's accelerated gradient method, JMLR 17, 2016: speed restarting).
- *  @param pace  sums of stiffness and inertia, k, the last increments' inertia */
+/* Return the damping f of dynamic relaxation, d+ = (a + (1 - f) d) / (1 + f).
+ *
+ * Critical damping of the lowest active frequency follows from Rayleigh's quotient of the last increments (Underwood
+ * 1983). Averaging over several increments removes rounding errors of the forces, which have either sign. If stiff and
+ * soft motions differ strongly, the remaining stiff motion hides the soft motion in this quotient. The damping is
+ * therefore at most 3 / (2 k + 1), k sub-steps after the last restart. This is Nesterov's accelerated descent, which
+ * needs no frequency. It restarts when the increments begin to shrink (Su, Boyd and Candes, A differential equation for
+ * modeling Nesterov's accelerated gradient method, JMLR 17, 2016: speed restarting).
+ * @param pace  State: sums of stiffness and inertia, k, inertia of the last increment. */
 PLIANT_INLINE double pliant_substep_frequency(double pace[4], double stiffness, double inertia)
 {
     const double forget = 0.95, most = 1.8 /* of the critical 2 */, shortest = 10;
@@ -42,22 +46,26 @@ PLIANT_INLINE double pliant_substep_frequency(double pace[4], double stiffness, 
     return fmin(seen, 3 / (2 * pace[2] + 1));
 }
 
-/* ---- error of time integration */
+/* ---- Error of time integration. */
 
-/* What central differences are off by at a node at the end of a frame T, from the last two accelerations and the increment between them. With the jerk
- * j = |a+ - a| / h each step of h leaves h^3 j / 6 (Zienkiewicz and Xie, Earthquake Eng. Struct. Dyn. 20:871, 1991), and steps of a frame that is short
- * against the swing add up to h^2 T j / 6; of a longer one only the shift of its frequency w is left, w^3 h^2 / 24 (Hughes, The Finite Element Method, 9.3),
- * which is h^2 T j / 24. Between them goes (w T)^2, with w^2 = j / |v|.
- *  @param change     |a+ - a| [m/s^2]
- *  @param increment  of the step between [m]
- *  @return [m] */
+/* Return a node's error of central differences at the end of a frame T. It follows from the last two accelerations and
+ * the increment between them.
+ *
+ * With the jerk j = |a+ - a| / h, each step of h has the error h^3 j / 6 (Zienkiewicz and Xie, Earthquake Eng. Struct.
+ * Dyn. 20:871, 1991). In a frame shorter than the oscillation period these errors add up to h^2 T j / 6. In a longer
+ * frame only the shift of the frequency w remains, w^3 h^2 / 24 (Hughes, The Finite Element Method, 9.3), which gives
+ * h^2 T j / 24. The formula blends both cases by (w T)^2, with w^2 = j / |v|.
+ * @param change     |a+ - a| [m/s^2].
+ * @param increment  Increment of the step between the accelerations [m].
+ * @return Error [m]. */
 PLIANT_INLINE double pliant_substep_error(double frame, double step, double change, double increment)
 {
     if (!(change > 0)) return 0;
     return step * frame * change / 24 * (1 + 3 * increment / (increment + change * frame * frame));
 }
 
-/* Whether a node is on a wall, where accelerations jump: it is left out of the error, as are those that tools hold. */
+/* Return whether a node touches a wall. Accelerations jump there, so such nodes are excluded from the error, as are
+ * held nodes. */
 PLIANT_INLINE bool pliant_substep_touches(const pliant_wall *walls, int num_walls, const double rest[3], const double u[3])
 {
     const double rounding = 1e-12; /* [m] */
@@ -69,9 +77,10 @@ PLIANT_INLINE bool pliant_substep_touches(const pliant_wall *walls, int num_wall
     return false;
 }
 
-/* ---- tools */
+/* ---- Tools. */
 
-/* One of so many parts of the way to the tip, or as much of it as elements can follow. */
+/* Move the target towards the goal: by one of `parts` equal parts of the distance, but at most by the length that
+ * elements can follow. */
 PLIANT_INLINE void pliant_substep_approach(double target[3], const double goal[3], int32_t parts, double longest)
 {
     double apart[3], length = 0;
@@ -84,16 +93,21 @@ PLIANT_INLINE void pliant_substep_approach(double target[3], const double goal[3
     for (int k = 0; k < 3; k++) target[k] += part * apart[k];
 }
 
-/* A spring of compliance c pulls with  c l = target - y+  at where the point will be, y+ = y + sum of the answers: stable for any stiffness. A
- * damper b beside it over a step h is a stiffer spring towards another target, as in the corotational solver; so is a mass m at the point, whose
- * central difference m (y+ - 2 y + y-) / h^2 is one of stiffness m / h^2 towards 2 y - y-. Without any of them the hold is rigid.
- *  @param damper   b / h [N/m]; inertia: m / h^2 [N/m]
- *  @param old      the target before this sub-step
- *  @param now      the held point; before: where it was before this sub-step
- *  @param ahead    2 y - y- of the mass
- *  @param pushed   forces on the mass or the spring's end [N]
- *  @param gap      out: target - y
- *  @return c [m/N] */
+/* Return the compliance c of a held point, and the gap to its target, for c l = target - y+. Here y+ is the position at
+ * the end of the sub-step: y+ = y + sum of the responses. This implicit rule is stable for any stiffness.
+ *
+ * A damper b parallel to the spring is a stiffer spring towards another target over a step h, as in the corotational
+ * solver. A mass m at the point acts in the same way. Its central difference m (y+ - 2 y + y-) / h^2 is a spring of
+ * stiffness m / h^2 towards 2 y - y-. Without spring, damper and mass the hold is rigid.
+ * @param damper   B / h [N/m].
+ * @param inertia  M / h^2 [N/m].
+ * @param old      Target before this sub-step.
+ * @param now      Position of the held point.
+ * @param before   Position before this sub-step.
+ * @param ahead    2 y - y- of the mass.
+ * @param pushed   Forces on the mass or the spring's end [N].
+ * @param gap      Out: target - y.
+ * @return C [m/N]. */
 PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double inertia, const double target[3], const double old[3], const double now[3],
                                         const double before[3], const double ahead[3], const double pushed[3], double gap[3])
 {
@@ -105,18 +119,24 @@ PLIANT_INLINE double pliant_substep_gap(double stiffness, double damper, double 
     return whole > 0 ? 1 / whole : 0;
 }
 
-/* Forces of a sub-step h are those at its start; a spring's from its gap, target - y, at the end are early by h: an error of first order. A mean of the
- * gaps at end, start and the start before has none, and gives no energy whatever the stiffness (Newmark's average acceleration); but what is stiffer than
- * h can follow would swing to and fro undamped. There the end counts for more, up to all, where the spring is rigid:
- *     force = k (p m+ + (1 - p) m) + b (m+ - m) / h,   m+ = p gap+ + (1 - p) gap,   m = p gap + (1 - p) gap-,   1/2 <= p <= 1
- * What of it is known goes to pushed; stiffness and damper (b / h) keep what gap+ takes, for pliant_substep_gap.
- *  @param answer  of the held point to a force in this sub-step [m/N]
- *  @param since   h over that of the sub-step before
- *  @param gap     at the start of this sub-step; older: of the one before [m] */
+/* Average a spring's force over time, so that it has no first-order error and conserves energy.
+ *
+ * The forces of a sub-step h belong to its start. A spring force from the gap target - y at the end is early by h,
+ * which is an error of first order. A mean of the gaps at the end, at the start and at the start before has no such
+ * error. It adds no energy for any stiffness (Newmark's average acceleration). Springs that are too stiff for h would
+ * oscillate undamped, so the end gets a higher weight p, up to 1 for a rigid spring:
+ *     force = k (p m+ + (1 - p) m) + b (m+ - m) / h
+ *     m+ = p gap+ + (1 - p) gap,   m = p gap + (1 - p) gap-,   1/2 <= p <= 1
+ * The known terms are added to pushed. Stiffness and damper (b / h) are scaled to the factors of gap+, for
+ * pliant_substep_gap.
+ * @param answer  Response of the held point to a force in this sub-step [m/N].
+ * @param since   h divided by the duration of the sub-step before.
+ * @param gap     Gap at the start of this sub-step [m].
+ * @param older   Gap at the start of the sub-step before [m]. */
 PLIANT_INLINE void pliant_substep_center(double answer, double since, const double gap[3], const double older[3], double *stiffness, double *damper,
                                          double pushed[3])
 {
-    const double limit = 4; /* of (w h)^2, that of central differences */
+    const double limit = 4; /* stability limit of (w h)^2 for central differences */
     const double p = 1 - 0.5 * limit / (limit + answer * (*stiffness + *damper));
     for (int k = 0; k < 3; k++) {
         const double change = since * (gap[k] - older[k]);
@@ -126,8 +146,8 @@ PLIANT_INLINE void pliant_substep_center(double answer, double since, const doub
     *damper *= p;
 }
 
-/* Solve for the tools' forces by Cholesky, in place, from the lower triangle; a tool that cannot move anything (all it holds is fixed)
- * gets none. */
+/* Solve for the tools' forces by Cholesky, overwriting the input, from the lower triangle. A tool gets no force if all
+ * its nodes are fixed. */
 PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_TOOLS], double (*force)[3])
 {
     double largest = 0;
@@ -152,16 +172,17 @@ PLIANT_INLINE void pliant_substep_forces(int count, double (*matrix)[PLIANT_MAX_
     }
 }
 
-/* ---- contact */
+/* ---- Contact. */
 
-/* A point that a sub-step has led into what it touches is put back on it, and its way along it is cut short by friction, as far as the pressure of now
- * allows (Coulomb). As much as it was going in is taken from its speed, and along the surface no more than all of it; the rest moves it without
- * any, so that no contact ever adds to what swings.
- *  @param gap    along the normal, from where it may be [m]
- *  @param moved  increment of now, against the obstacle's [m]
- *  @param slip   across the normal, from where it sticks; out: what is left of it, once it slides [m]
- *  @param push   out: to be added to place and increment [m]; shift: to the place alone
- *  @return false: it does not touch */
+/* Move a penetrating point back to the surface, and reduce its tangential motion by Coulomb friction with the present
+ * pressure. The velocity loses at most its inward part and its tangential part. The remaining correction moves the
+ * point without changing its velocity, so that contact never adds kinetic energy.
+ * @param gap    Distance along the normal from the allowed position [m].
+ * @param moved  Increment relative to the obstacle [m].
+ * @param slip   In: tangential distance from the sticking position; out: the remaining distance after sliding [m].
+ * @param push   Out: correction of position and increment [m].
+ * @param shift  Out: correction of the position alone [m].
+ * @return False if the point does not touch. */
 PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction, double gap, const double moved[3], double slip[3], double push[3],
                                         double shift[3])
 {
@@ -189,10 +210,11 @@ PLIANT_INLINE bool pliant_substep_press(const double normal[3], double friction,
     return true;
 }
 
-/* ---- walls and limits */
+/* ---- Walls and limits. */
 
-/* A node behind a wall is put back on it; its way along the wall is cut short by friction, in proportion to how far it was pushed
- * (Coulomb), and its normal speed is turned around in part. factor: A over the inverse mass [s^2] */
+/* Move a node behind a wall back to the wall. Coulomb friction reduces its tangential motion in proportion to the
+ * penetration depth. Restitution reverses a part of the normal velocity. factor: A divided by the inverse mass
+ * [s^2]. */
 PLIANT_INLINE void pliant_substep_collide(const pliant_wall *walls, int num_walls, double friction, double restitution,
                                           const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
 {
@@ -220,7 +242,8 @@ PLIANT_INLINE void pliant_substep_collide(const pliant_wall *walls, int num_wall
     }
 }
 
-/* Dynamic relaxation: a pseudo-time has no speed that must be kept, so that an increment is cut to what is sound; limit: squared. */
+/* Shorten an increment of dynamic relaxation to a stable length. Pseudo-time has no physical velocity to conserve.
+ * limit: squared. */
 PLIANT_INLINE void pliant_substep_shorten(double limit, double square, double u[3], double d[3])
 {
     const double part = sqrt(limit / square);

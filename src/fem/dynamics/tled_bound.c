@@ -1,6 +1,7 @@
-/* Largest stable steps at rest. Where tissue may be cut, of whatever fragments cuts can make: moduli and density of a fragment are sums over
- * its voxels, and sums of stiffness over mass are at most the largest of a single voxel's. So the bound is that of every tetrahedron as
- * though it were of any of the materials in and around it alone: chips of a neighbour's go with it, too. No cut can break it. */
+/* Largest stable time steps at rest. If the tissue can be cut, the bounds cover all fragments that cuts can make.
+ * Stiffness and density of a fragment are sums over its voxels, so its ratio of stiffness to mass is at most the
+ * largest ratio of a single voxel. Each tetrahedron is therefore bounded with every material in it and in its
+ * neighbours, whose detached voxels can move with it. No cut can break this bound. */
 #include "base/fail.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "pliant/memory.h"
@@ -20,10 +21,11 @@ double pliant_tled_shortest_edge(const pliant_mesh *mesh, const int32_t *nodes)
     return least;
 }
 
-/* A swing of frequency w whose shear part w_s is damped by b w_s^2 times its speed over the last sub-step follows
+/* Return the stable step. An oscillation of frequency w, with the shear part w_s damped by b w_s^2 times the velocity
+ * of the last sub-step, follows
  *     x+ - 2 x + x- = - dt^2 w^2 x - dt b w_s^2 (x - x-)
- * and its roots stay in the unit circle while  dt^2 w^2 + 2 dt b w_s^2 <= 4  (Jury). w^2 is at most 4 largest / density, with a mass of
- * rho V / 4 at each corner; without damping the bound is 2 / w. */
+ * Its roots stay in the unit circle while  dt^2 w^2 + 2 dt b w_s^2 <= 4  (Jury). w^2 is at most 4 largest / density,
+ * with a mass of rho V / 4 at each corner. Without damping the bound is 2 / w. */
 static double stable_step(double density, double largest, double largest_shear, double damping)
 {
     const double slow = damping * largest_shear;
@@ -40,7 +42,8 @@ static void take(pliant_tled_system *system, const double gradients[12], double 
                                                                           pliant_element_largest_eigenvalue(gradients, 0, mu), system->stiffness_damping));
 }
 
-/* (num_tets x 4) bits: materials of the voxels of every tetrahedron at load and of those that it shares a node with */
+/* Return bit sets (num_tets x 4) of the materials at load time, in each tetrahedron's voxels and in adjacent
+ * tetrahedra. */
 static uint64_t *materials_around(const pliant_voxels *voxels)
 {
     uint64_t *of_tet = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *of_tet), *around = pliant_calloc((size_t)voxels->num_tets, 4 * sizeof *around);

@@ -1,4 +1,5 @@
-/* Explicit dynamics that continues with the next body: the state is mapped to its nodes and elements (tled_conserve.c keeps momentum and energy). */
+/* Explicit dynamics that continues with the next body: the state is mapped to its nodes and elements (tled_conserve.c
+ * keeps momentum and energy). */
 #include "fem/dynamics/tled_cubes.h"
 
 #include <math.h>
@@ -27,7 +28,8 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     memcpy(tled->passed, from->passed, sizeof tled->passed);
     memcpy(tled->passed_target, from->passed_target, sizeof tled->passed_target);
     tled->passed_step = from->passed_step;
-    const double faster = tled->time_step / from->time_step; /* increments are of a sub-step; those of relaxation are of none */
+    /* Increments belong to one sub-step; relaxation has no velocity. */
+    const double faster = tled->time_step / from->time_step;
     pliant_body_map_vectors(map, from->u, tled->u);
     pliant_body_map_vectors(map, from->d, tled->d);
     for (int32_t n = 0; n < system->mesh->num_nodes; n++) {
@@ -36,7 +38,7 @@ void pliant_tled_carry(pliant_tled *tled, const pliant_tled *from, const pliant_
     }
     for (int32_t t = 0; tled->memory && t < system->mesh->num_tets; t++) {
         int32_t to = place_of(system, t), source = place_of(from->system, map->tet[t]);
-        /* of a fragment as much as it has of the stiffness */
+        /* A fragment gets the part that its stiffness has. */
         const float now = shear_at(system, to), was = shear_at(from->system, source), share = now == was || !(was > 0) ? 1 : now / was;
         for (int m = 0; m < 6 * PLIANT_PRONY_TERMS; m++)
             tled->memory[to / LANES][m][to % LANES] = share * from->memory[source / LANES][m][source % LANES];

@@ -1,14 +1,16 @@
 /* Keep momentum and energy over a cut in explicit dynamics.
  *
- * A hexahedron has an eighth of its mass at each corner. The tetrahedra that a cut leaves of it have a fourth of theirs at each corner, and they are
- * stiffer. So a cut alone would change momentum and add energy. Both are corrected region by region. A region is a connected set of nodes of the cells
- * that the cut touched. Regions share no element. The region of a component without fixed nodes is the whole component, since its center of mass is
- * kept, too. Other components keep every bit.
- *  - Center of mass of a free component: the component is translated back. Otherwise the moved mass would make it spin.
- *  - Momentum and angular momentum: velocities get the missing rigid motion, which is the least change (Gauss).
- *  - Strain energy: nodes of touched cells move along their elastic forces over their masses, until the strain energy is as before. This is a sub-step
+ * A hexahedron has an eighth of its mass at each corner. The tetrahedra that a cut leaves of it have a fourth of theirs
+ * at each corner, and they are stiffer. So a cut alone would change momentum and add energy. Both are corrected region
+ * by region. A region is a connected set of nodes of the cells that the cut touched. Regions share no element. The
+ * region of a component without fixed nodes is the whole component, since its center of mass is kept, too. Other
+ * components keep every bit. - Center of mass of a free component: the component is translated back. Otherwise the
+ * moved mass would make it spin. - Momentum and angular momentum: velocities get the missing rigid motion, which is the
+ * least change (Gauss). - Strain energy: nodes of touched cells move along their elastic forces over their masses,
+ * until the strain energy is as before. This is a sub-step
  *    without inertia: velocities stay. Where the region moves freely, the motion has no rigid part.
- *  - Kinetic energy: what the cut added is taken from the region's velocities less their rigid motion; if these do not suffice, from its component's. */
+ * - Kinetic energy: what the cut added is taken from the region's velocities less their rigid motion; if these do not
+ *   suffice, from its component's. */
 #include "base/dense.h"
 #include "base/fail.h"
 #include "topology/parts.h"
@@ -162,7 +164,7 @@ static void keep_center(const pliant_cut_regions *work, int32_t region)
         for (int d = 0; d < 3; d++) work->tled->u[3 * (size_t)work->node[i] + d] += missing[d] / mass;
 }
 
-/* Momentum and angular momentum become those before. Returns by how much kinetic energy has risen [J]. */
+/* Restore momentum and angular momentum from before the cut. Return the rise of kinetic energy [J]. */
 static double keep_momentum(const pliant_cut_regions *work, int32_t region)
 {
     double centre[3];
@@ -181,7 +183,8 @@ static double keep_momentum(const pliant_cut_regions *work, int32_t region)
     return after.kinetic - before.kinetic;
 }
 
-/* Takes energy [J] from velocities less their rigid motion, as far as there is any. Returns what was taken. */
+/* Remove kinetic energy [J] from velocities relative to the rigid motion, limited to their energy. Return the removed
+ * energy. */
 static double take_kinetic(const pliant_cut_regions *work, int32_t region, double energy)
 {
     double centre[3];
@@ -248,7 +251,7 @@ static double solve_parabola(double slope, double curve, double fall)
     return square > 0 ? 2 * fall / (slope + sqrt(square)) : slope / curve;
 }
 
-/* Moves nodes along their elastic forces until strain energy has fallen by so much [J]. Returns by how much it has. */
+/* Move nodes along their elastic forces until the strain energy has fallen by the given amount [J]. Return its fall. */
 static double release_strain(const pliant_cut_regions *work, int32_t region, double energy)
 {
     const double longest = work->now.tled->time_step * work->now.tled->time_step;
@@ -271,7 +274,8 @@ static double release_strain(const pliant_cut_regions *work, int32_t region, dou
     return released;
 }
 
-/* What strain gained is taken from strain, the rest from velocities; what these do not have, from strain again. Returns what is left [J]. */
+/* Remove gained strain energy from the strain and the rest from velocities. If their energy does not suffice, reduce
+ * the strain again. Return the remaining energy [J]. */
 static double conserve(const pliant_cut_regions *work, int32_t region)
 {
     const bool elastic = !work->now.tled->system->nodal_pressure;
@@ -297,14 +301,15 @@ static void grow_region(pliant_cut_regions *work, int32_t node)
         if (first_of(work->part, n) == first) work->node[work->node_start[1]++] = n;
 }
 
-/* Mass that is elsewhere in a region changes its inertia, and with it the energy of its rigid motion. What the region does not have to give, its component
- * gives. Of a component that moves as a rigid body there is nothing to take. */
+/* Remove energy from the velocities of the whole component. Moved mass changes the inertia of a region, and with it the
+ * energy of its rigid motion. The region's own velocities may not suffice. A component in rigid motion has no such
+ * energy. */
 static void take_from_component(pliant_cut_regions *work, int32_t node, double energy)
 {
     pliant_cut_regions whole = *work;
     int32_t start[2];
     whole.node_start = start;
-    whole.node = (int32_t *)(void *)work->step; /* not in use: room for 6 numbers a node */
+    whole.node = (int32_t *)(void *)work->step; /* unused here: has space for 6 numbers per node */
     grow_region(&whole, node);
     take_kinetic(&whole, 0, energy);
 }

@@ -19,7 +19,7 @@ static void place_of(const pliant_tled *tled, const pliant_contact_point *point,
     pliant_touch_place(point, tled->system->mesh->rest, tled->u, out);
 }
 
-/* Where the obstacle was as the frame began; what is in it then may come out over the frame. */
+/* Use the obstacle's position at the start of the frame. An initial penetration is removed during the frame. */
 static void begin_point(const pliant_tled *tled, const pliant_contact_point *point, pliant_tled_touch *touch)
 {
     double y[3], gap = 0;

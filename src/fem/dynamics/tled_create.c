@@ -1,4 +1,4 @@
-/* What TLED computes once: gradients, moduli, masses, gather lists, the largest stable time step. */
+/* Constant data of TLED: gradients, moduli, masses, gather lists, the largest stable time step. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -106,8 +106,9 @@ static void gather_lists(pliant_tled_system *system)
     start[0] = 0;
 }
 
-/* Elements, and in pseudo_mass (num_nodes) what an element's largest eigenvalue asks of its corners' mass for a critical step of 1, for dynamic
- * relaxation: a fourth of its largest eigenvalue, since no frequency of the whole is above the largest of its elements (Irons and Treharne 1972). */
+/* Fill the elements. pseudo_mass (num_nodes) gets the corner masses that give each element a critical step of 1, for
+ * dynamic relaxation. A corner needs a fourth of the element's largest eigenvalue: no frequency of the mesh exceeds the
+ * largest element frequency (Irons and Treharne 1972). */
 static void fill_elements(pliant_tled_system *system, const pliant_tet_material *material, double *pseudo_mass, double *compliance)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -132,7 +133,7 @@ static void fill_elements(pliant_tled_system *system, const pliant_tet_material 
     }
 }
 
-/* what the largest eigenvalue of hexahedra asks of their corners' mass */
+/* Add the corner masses that the largest eigenvalue of each hexahedron needs. */
 static void add_cubes(const pliant_tled_system *system, const pliant_tet_material *material, double *pseudo_mass)
 {
     for (int32_t c = 0; c < system->cubes->count; c++) {
@@ -144,7 +145,7 @@ static void add_cubes(const pliant_tled_system *system, const pliant_tet_materia
     }
 }
 
-/* Of a body that may be cut the bounds are those at load. */
+/* Compute the bounds. A body that can be cut keeps its bounds from load time. */
 static pliant_status find_bounds(const pliant_body *body, const pliant_tled_system *before, pliant_tled_system *system)
 {
     if (!before || !body->voxels) return pliant_tled_find_bounds(body, system);
@@ -184,7 +185,8 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
         double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : system->node_mass[n];
         if (!body->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
         if (!system->nodal_pressure) continue;
-        /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and Schwarz) */
+        /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and
+         * Schwarz) */
         system->node_volume[n] = (float)(1 / compliance[2 * n]);
         system->node_modulus[n] = (float)(compliance[2 * n] / compliance[2 * n + 1]);
     }
@@ -236,7 +238,7 @@ static pliant_status allocate_state(pliant_tled *tled)
     return good ? PLIANT_OK : pliant_fail_memory("the state of the dynamics");
 }
 
-/* Nothing that moves soundly goes further in a step than half of the shortest edge beside it: that would be as fast as sound. */
+/* Limit stable motion per step to half of the shortest adjacent edge: that is the speed of sound. */
 static void set_limits(pliant_tled *tled)
 {
     const pliant_mesh *mesh = tled->system->mesh;
@@ -249,7 +251,8 @@ static void set_limits(pliant_tled *tled)
     }
 }
 
-/* What would move every node by a hundredth of half an edge in its first step: where fixed nodes are moved, there is no other load. */
+/* Set the reference load: it moves every node by a hundredth of half an edge in its first step. It is needed when moved
+ * fixed nodes are the only load. */
 static void set_smallest_load(pliant_tled *tled)
 {
     double mass = 0;
@@ -314,7 +317,7 @@ void pliant_tled_stop_motion(pliant_tled *tled)
 {
     size_t nodes = (size_t)tled->system->mesh->num_nodes;
     memset(tled->d, 0, 3 * nodes * sizeof *tled->d);
-    if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may hold what is not a number */
+    if (tled->own) memset(tled->own, 0, 3 * nodes * sizeof *tled->own); /* it may contain NaN */
     memset(tled->quotient, 0, sizeof tled->quotient);
 }
 

@@ -50,7 +50,8 @@ static void fill_bending(const pliant_mesh *mesh, double prony, pliant_cube_bend
     out->twist = (float)(left * twist_of(mesh->cell_size));
 }
 
-/* Of the mean gradient: as of a tetrahedron (tled_create.c) with sum of b b' = diag(1 / (2 h^2)); a mode of +-1 has the square 8. */
+/* Return the largest eigenvalue of the mean gradient and of the hourglass modes. The mean gradient is treated as for a
+ * tetrahedron (tled_create.c), with sum of b b' = diag(1 / (2 h^2)). A mode of +-1 has the square 8. */
 double pliant_cube_largest_eigenvalue(const double size[3], double lambda, double mu)
 {
     const double c = contraction_of(lambda, mu);
@@ -86,7 +87,8 @@ double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, c
     return whole;
 }
 
-/* Of a law that has a second rest state inside out, parts stay tetrahedra: they are softer, and turned there where a fallen end was put back (NUMERICS 10). */
+/* Leave fragments as tetrahedra for laws with a second rest state inside out. Hexahedra would be softer, and inverted
+ * there where a fallen end was put back (NUMERICS 10). */
 static void leave_parts(pliant_tled_cubes *cubes)
 {
     const int32_t count = cubes->count;

@@ -1,10 +1,10 @@
-/* Forces of the elements ([C] 5, 6, 10, 11), LANES at a time. [C] 6, F = integral of B_L' S dV with B_L = B_L0 X', is for constant strain
- * the same as V P g_v with P = X S, which costs less. */
+/* Forces of the elements ([C] 5, 6, 10, 11), LANES at a time. [C] 6, F = integral of B_L' S dV with B_L = B_L0 X', is
+ * for constant strain the same as V P g_v with P = X S, which costs less. */
 #include "fem/element/stress.h"
 #include "fem/dynamics/tled_cubes.h"
 
-/* H = sum over corners 1 to 3 of (u_v - u_0) g_v'. The differences are taken in double: single precision would lose a displacement of
- * centimetres to 1e-9 m, a pressure of 0.1 Pa in nearly incompressible tissue. */
+/* H = sum over corners 1 to 3 of (u_v - u_0) g_v'. The differences are taken in double: single precision would lose a
+ * displacement of centimetres to 1e-9 m, a pressure of 0.1 Pa in nearly incompressible tissue. */
 PLIANT_INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float g[9][LANES], float h[9][LANES])
 {
     float apart[9][LANES];
@@ -21,7 +21,7 @@ PLIANT_INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float
                 h[3 * r + c][l] = apart[r][l] * g[c][l] + apart[3 + r][l] * g[3 + c][l] + apart[6 + r][l] * g[6 + c][l];
 }
 
-/* Prony series: the whole block, each term's memory in place. */
+/* Relax a block by the Prony series and update each term's memory. */
 PLIANT_INLINE void relax_block(const pliant_tled_system *system, float dt, float h[9][LANES], float cofactor[9][LANES], float p[9][LANES],
                         float memory[6 * PLIANT_PRONY_TERMS][LANES])
 {
@@ -60,7 +60,8 @@ PLIANT_INLINE void damp_block(float change[9][LANES], const float *mu, float fac
     }
 }
 
-/* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it follows from H */
+/* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it
+ * follows from H */
 PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
                          float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
@@ -117,7 +118,8 @@ PLIANT_INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool vi
         }
 }
 
-/* Corners to modes, w_m = sum of +-1 v_a, and back, v_a = sum of +-1 w_m (tled_cubes.h): three passes of sums and differences. */
+/* Corners to modes, w_m = sum of +-1 v_a, and back, v_a = sum of +-1 w_m (tled_cubes.h): three passes of sums and
+ * differences. */
 PLIANT_INLINE void transform(float w[8][LANES], float sign)
 {
     for (int bit = 1; bit < 8; bit *= 2)
@@ -157,7 +159,7 @@ PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, i
     }
 }
 
-/* what the modes of a block of cubes have against themselves; more: their change, where it is damped */
+/* Compute the forces of the modes of a block of cubes. more: their change, if it is damped. */
 PLIANT_INLINE void bend_block(const pliant_tled_cubes *cubes, bool damped, float factor, int32_t block, float w[3][8][LANES], float more[3][8][LANES],
                        float out[3][8][LANES])
 {
@@ -284,8 +286,8 @@ PLIANT_VECTORIZED static void block_change(const pliant_tled *tled, int32_t bloc
     }
 }
 
-/* Average nodal pressure (Bonet and Burton 1998, in the form that keeps an energy): a node's change of volume is the mean of those around
- * it, p = modulus f(J), and an element feels the mean of its nodes' pressures. */
+/* Compute average nodal pressures (Bonet and Burton 1998, in the form that conserves energy). A node's change of volume
+ * is the mean over its adjacent elements, p = modulus f(J), and an element has the mean of its nodes' pressures. */
 void pliant_tled_pressures(pliant_tled *tled)
 {
     const pliant_tled_system *system = tled->system;

@@ -1,7 +1,7 @@
 /* Energies of the whole body, in double, for checks and reports. */
 #include "fem/dynamics/tled_cubes.h"
 
-/* @param back how many increments ago: 0 or 1 */
+/* @param back  Number of increments to subtract: 0 or 1. */
 static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back, double f[9])
 {
     for (int m = 0; m < 9; m++) f[m] = m % 4 == 0;
@@ -33,7 +33,8 @@ static void modes_of(const pliant_tled *tled, int32_t index, double back, double
         }
 }
 
-/* Energy of the modes that F does not see, over V mu finer^2 (cube_bending.h); what it has against w, and against the modes along the axes. */
+/* Return the energy of the modes that F does not contain, divided by V mu finer^2 (cube_bending.h). force: out: its
+ * derivative by w, and by the modes along the axes. */
 static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, double w[8][3], double force[8][3])
 {
     const pliant_cube_bending *bending = &cubes->bending;
@@ -62,7 +63,8 @@ static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, doub
     return energy;
 }
 
-/* State of an element, now or one increment ago. mode: hourglass modes of a hexahedron; force: gradient of their energy by all modes */
+/* State of an element, now or one increment ago. mode: hourglass modes of a hexahedron; force: gradient of their energy
+ * by all modes */
 typedef struct element_state {
     double energy, f[9], stress[9], mode[8][3], force[8][3];
 } element_state;
@@ -187,8 +189,8 @@ static void strain_energies(const pliant_tled *tled, const pliant_tet_material *
         tet_energies(tled, material, cubes ? cubes->tet[e] : e, strain, before, work);
 }
 
-/* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of both ends,
- * 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4, and d F is the sum of V P : (F - F-) over elements. */
+/* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of
+ * both ends, 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4, and d F is the sum of V P : (F - F-) over elements. */
 void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept)
 {
     double before, work;

@@ -35,7 +35,7 @@ void pliant_cut_join_elements(int32_t *part, const pliant_tled_system *system)
     }
 }
 
-/* Corners of fragments belong with those of the tetrahedra that they were. */
+/* Join the corners of fragments with the corners of their original tetrahedra. */
 static void join_fragments(int32_t *part, const pliant_body *before, const pliant_body *body)
 {
     const pliant_body_changes *changes = &body->changes;
@@ -54,7 +54,7 @@ static bool has_chip(const pliant_cuts *cuts, const int32_t chip[2])
     return false;
 }
 
-/* force: by how much the mass of each region has changed, step: its mass, at its first node */
+/* Store the change of each region's mass in force, and its mass in step, at the region's first node. */
 static void find_masses(pliant_cut_regions *work)
 {
     for (int32_t n = 0; n < work->now.tled->system->mesh->num_nodes; n++) {
@@ -77,7 +77,8 @@ static int32_t changed_region(const pliant_cut_regions *work, const int32_t *nod
     return -1;
 }
 
-/* Chips that the cut gives to another tetrahedron take their mass along: regions that have more or less mass than before become one. */
+/* Chips that the cut gives to another tetrahedron take their mass along: regions that have more or less mass than
+ * before become one. */
 static void join_chips(pliant_cut_regions *work, const pliant_cuts *cuts, const pliant_cuts *other, const pliant_mesh *mesh)
 {
     for (int32_t c = 0; cuts && c < cuts->num_chips; c++) {

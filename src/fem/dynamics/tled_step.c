@@ -27,7 +27,8 @@ static bool is_held(const pliant_tool *tools, int num_tools, int32_t node)
     return false;
 }
 
-/* The error of time integration at a node, whose acceleration of the sub-step before is still there; least where it is not larger, or not known. */
+/* The error of time integration at a node, whose acceleration of the sub-step before is still there; least where it is
+ * not larger, or not known. */
 static double error_at(const pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t node, const double acceleration[3], double least)
 {
     const pliant_tled_system *system = tled->system;
@@ -43,7 +44,8 @@ static double error_at(const pliant_tled *tled, const pliant_tool *tools, int nu
     return pliant_substep_touches(system->walls, system->num_walls, system->mesh->rest + at, tled->u + at) ? least : error;
 }
 
-/* Accelerations of a chunk's nodes from their elements' forces, and gravity. left: sub-steps of the frame, this one too */
+/* Compute accelerations of a chunk's nodes from element forces and gravity. left: remaining sub-steps of the frame,
+ * including this one. */
 static void accelerate(pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t left, int32_t chunk)
 {
     const pliant_tled_system *system = tled->system;
@@ -140,7 +142,7 @@ static double lowest_frequency(const pliant_tled *tled, int32_t chunks, double q
     return pliant_substep_frequency(quotient, total[PLIANT_SUM_STIFFNESS], total[PLIANT_SUM_INERTIA]);
 }
 
-/* All threads run this, up to a sub-step of the frame; what they decide on is the same for all. */
+/* Run sub-steps up to `end`. All threads call this function, and all threads compute the same decisions. */
 static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tools, bool held, int32_t first, int32_t end, double *tool_load)
 {
     const int32_t part = pliant_tled_part_steps(tled), frame = tled->substeps - tled->made;
@@ -181,7 +183,7 @@ static pliant_tled_frame run(pliant_tled *tled, pliant_tool *tools, int num_tool
         if (!result.sound) break;
         result.settled = still && result.residual <= tled->tolerance;
     }
-#pragma omp barrier /* all have read the one of the frame before */
+#pragma omp barrier /* until all threads have read the quotient of the last frame */
 #pragma omp master
     memcpy(tled->quotient, quotient, sizeof quotient);
     return result;
@@ -221,7 +223,8 @@ void pliant_tled_set_positions(pliant_tled *tled, const double *positions)
     }
 }
 
-/* Whether the next burst is run by all threads: by those that were quicker, and now and then by the others, to see. */
+/* Choose between one thread and all threads for the next burst. Use the faster alternative, and test the other one from
+ * time to time. */
 static int choose_pace(pliant_tled *tled)
 {
     const int32_t shortest = 32, longest = 512;

@@ -1,10 +1,11 @@
-/* What touches the tissue in a sub-step: tools that hold it, walls that it rests on. */
+/* External actions on the tissue in a sub-step: tools that hold it, walls that support it. */
 #include "fem/dynamics/tled.h"
 #include "state/shared_hold.h"
 
 #include <string.h>
 
-/* A tool that pulls at a point. Rigid tools at one point share the pull: the first tool's hold pulls towards the mean of their targets. */
+/* A tool that pulls at a point. Rigid tools at one point share the pull: the first tool's hold pulls towards the mean
+ * of their targets. */
 typedef struct pull { pliant_tool *tool; int index, members; } pull;
 
 static void held_point(const pliant_tled *tled, const pliant_tool *tool, const double *shift, double sign, double out[3])
@@ -44,7 +45,7 @@ static void push(pliant_tled *tled, const pliant_tool *tool, const double force[
     }
 }
 
-/* summed over a frame's motion, of which the mean is told; of dynamic relaxation only the last counts */
+/* Sum over a frame's sub-steps; their mean is reported. In dynamic relaxation the last force counts. */
 static void add_force(const pliant_tled *tled, pliant_tool *tool, const double force[3])
 {
     for (int d = 0; d < 3; d++) tool->force[d] = (tled->system->quasi_static ? 0 : tool->force[d]) + force[d];

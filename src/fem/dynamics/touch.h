@@ -1,5 +1,5 @@
-/* A contact point (contact/contact.h) in a sub-step: what the CPU and kernels share. Points are put right one after the other, where a sub-step that
- * knew nothing of them has led; those that have no node in common may come in any order. */
+/* A contact point (contact/contact.h) in a sub-step, shared by CPU and kernels. Points are corrected one after the
+ * other, after a sub-step without contact. Points without common nodes can be processed in any order. */
 #ifndef PLIANT_FEM_DYNAMICS_TOUCH_H
 #define PLIANT_FEM_DYNAMICS_TOUCH_H
 
@@ -10,30 +10,33 @@
 extern "C" {
 #endif
 
-/* A contact in a frame. */
+/* State of a contact during a frame. */
 typedef struct pliant_tled_touch {
     double answer;                          /* sum of squared weights over masses [1/kg] */
-    double deep;                            /* in what it touches as the frame begins; comes out in its course [m] */
-    double anchor[3];                       /* where it sticks now [m] */
-    double owed[3];                         /* by which impulse the sub-step before has put two sides apart: the next one takes it back [kg m] */
-    double force[3];                        /* summed over the frame; of dynamic relaxation the last one [N] */
-    bool pressed;                           /* in the last sub-step */
+    /* Penetration depth at the start of the frame; it is removed during the frame [m]. */
+    double deep;
+    double anchor[3];                       /* present sticking position [m] */
+    /* Impulse by which the sub-step before has separated two sides; the next sub-step subtracts it [kg m]. */
+    double owed[3];
+    /* Sum over the frame; in dynamic relaxation the last force [N]. */
+    double force[3];
+    bool pressed;                           /* there was contact in the last sub-step */
 } pliant_tled_touch;
 
-/* By the numbers that points have of nodes; three numbers a node, but for the masses. */
+/* Arrays indexed by the points' node numbers. Each has three numbers per node, except the masses. */
 typedef struct pliant_touch_nodes {
     const double *rest, *inverse_mass;
     double *u, *d, *acceleration;
 } pliant_touch_nodes;
 
 typedef struct pliant_touch_time {
-    double factor;             /* A over the inverse mass [s^2] */
-    double done, part;         /* of this part of the frame: at the end of this sub-step, by it */
+    double factor;             /* A divided by the inverse mass [s^2] */
+    double done, part; /* fraction of this part of the frame: up to the end of this sub-step, and of this sub-step */
     bool still;                /* dynamic relaxation */
-    bool first, last;          /* of the part */
+    bool first, last;          /* first or last sub-step of the part */
 } pliant_touch_time;
 
-/* substeps, made: of this part of the frame, and of these before this one */
+/* Return the time data of a sub-step. substeps: in this part of the frame; made: sub-steps before this one. */
 PLIANT_INLINE pliant_touch_time pliant_touch_time_of(bool still, double factor, int32_t substeps, int32_t made)
 {
     pliant_touch_time time;
@@ -53,7 +56,7 @@ PLIANT_INLINE void pliant_touch_weigh(const pliant_contact_point *point, const d
         for (int d = 0; d < 3; d++) out[d] += point->weight[k] * v[3 * point->node[k] + d];
 }
 
-/* y of the point */
+/* Compute the position y of the point. */
 PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const double *rest, const double *u, double out[3])
 {
     double moved[3];
@@ -62,8 +65,9 @@ PLIANT_INLINE void pliant_touch_place(const pliant_contact_point *point, const d
     for (int d = 0; d < 3; d++) out[d] += moved[d];
 }
 
-/* Tissue on tissue: the sides face each other elsewhere by now, which is no slip. By where the sub-step began, of which elastic forces are: there a push
- * along one line turns nothing. @return whether these are sides that face each other; false: facing is not written */
+/* For tissue against tissue, update the point to the present opposite position. This change is not slip. Use positions
+ * at the start of the sub-step, like the elastic forces: a push along one line then has no moment.
+ * @return False if the point has no two facing sides; facing is unchanged. */
 PLIANT_INLINE bool pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_contact_point *point, pliant_tled_touch *touch, pliant_facing *facing)
 {
     double x[4][3], before[3], after[3];
@@ -79,7 +83,7 @@ PLIANT_INLINE bool pliant_touch_follow(const pliant_touch_nodes *nodes, pliant_c
     return true;
 }
 
-/* A node, by its share of what moves the place and of what moves the increment. */
+/* Move a node by its part of a change of position and of increment. */
 PLIANT_INLINE void pliant_touch_move(const pliant_touch_nodes *nodes, double factor, int node, double weight, const double place[3], const double increment[3])
 {
     const double share = weight * nodes->inverse_mass[node];
@@ -90,7 +94,7 @@ PLIANT_INLINE void pliant_touch_move(const pliant_touch_nodes *nodes, double fac
     }
 }
 
-/* An impulse between sides that face each other, which turns neither [kg m]. */
+/* Apply an impulse between facing sides, without any moment [kg m]. */
 PLIANT_INLINE void pliant_touch_strike(const pliant_touch_nodes *nodes, double factor, const pliant_contact_point *point, const pliant_facing *facing,
                                        const double impulse[3])
 {
@@ -103,8 +107,9 @@ PLIANT_INLINE void pliant_touch_strike(const pliant_touch_nodes *nodes, double f
     }
 }
 
-/* Sides that face each other are put apart by an impulse, and the next sub-step takes back what speed that gave: what is shifted without any has a moment of
- * its own, the shift times the speed across it. As a frame ends, the shift is left to the next one. */
+/* Separate facing sides by an impulse. The next sub-step subtracts the velocity of this impulse. A shift without
+ * impulse would change the angular momentum by the shift times the tangential velocity. In the last sub-step, the shift
+ * is left to the next frame. */
 PLIANT_INLINE void pliant_touch_put_apart(const pliant_touch_nodes *nodes, const pliant_touch_time *time, const pliant_contact_point *point, const pliant_facing *facing,
                                           const double push[3], const double shift[3], pliant_tled_touch *touch)
 {
@@ -116,7 +121,8 @@ PLIANT_INLINE void pliant_touch_put_apart(const pliant_touch_nodes *nodes, const
     pliant_touch_strike(nodes, time->factor, point, facing, impulse);
 }
 
-/* contact/response paper: [C] 5.2, a force against the node's own movement, as large as takes a part of that away. Returns its load. */
+/* Apply contact/response paper ([C] 5.2): a force against the node's motion that removes a fraction of the motion.
+ * Return its load. */
 PLIANT_INLINE double pliant_touch_slow(const pliant_touch_nodes *nodes, const pliant_touch_time *time, const pliant_contact_point *point, pliant_tled_touch *touch)
 {
     const int node = point->node[0];
@@ -133,7 +139,7 @@ PLIANT_INLINE double pliant_touch_slow(const pliant_touch_nodes *nodes, const pl
     return load;
 }
 
-/* One point after a sub-step. Returns its load, as PLIANT_SUM_LOAD. */
+/* Correct one point after a sub-step. Return its load, as PLIANT_SUM_LOAD. */
 PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const pliant_touch_time *time, pliant_contact_point *point, pliant_tled_touch *touch)
 {
     double y[3], moved[3], slip[3], push[3], shift[3], gap = touch->deep * (1 - time->done), along = 0, load = 0;
@@ -164,13 +170,13 @@ PLIANT_INLINE double pliant_touch_press(const pliant_touch_nodes *nodes, const p
     if (!touch->pressed) return 0;
     if (struck) pliant_touch_put_apart(nodes, time, point, &facing, push, shift, touch);
     for (int d = 0; d < 3; d++) {
-        if (time->still) { /* no speed that must not grow, and what moves is not at rest */
+        if (time->still) { /* in relaxation there is no physical velocity to preserve */
             push[d] += shift[d];
             shift[d] = 0;
         }
         const double force = push[d] / (time->factor * touch->answer);
         touch->force[d] += force;
-        touch->anchor[d] += slip[d]; /* what is left */
+        touch->anchor[d] += slip[d]; /* the remaining slip */
         load += touch->answer * force * force;
         shift[d] = (push[d] + shift[d]) / touch->answer;
         push[d] /= touch->answer;

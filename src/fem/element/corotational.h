@@ -1,9 +1,11 @@
-/* One corotational tetrahedron, for loops of the CPU (elements.c, rotation.h, scalar.c) and for kernels (cuda/fem/element/forces.cu): the same lines
- * for both. Matrices are 9, row-major; corners, gradients and forces 4 x 3.
+/* One corotational tetrahedron, for loops of the CPU (elements.c, rotation.h, scalar.c) and for kernels
+ * (cuda/fem/element/forces.cu): the same lines for both. Matrices are 9, row-major; corners, gradients and forces 4 x
+ * 3.
  *
- * F = sum over corners of x_v g_v' (any textbook on finite elements, e.g. Bonet and Wood, 9.2), R the rotation nearest to it. With the
- * strain e = sym(R'F) - I, isotropic tissue has the stress T = 2 mu e + lambda tr(e) I in the frame of the element, and
- * f_v = V R T g_v holds it in this state: the same as R K (R'x - X) (Mueller and Gross 2004) without K. */
+ * F = sum over corners of x_v g_v' (any textbook on finite elements, e.g. Bonet and Wood, 9.2), R the rotation nearest
+ * to it. With the strain e = sym(R'F) - I, isotropic tissue has the stress T = 2 mu e + lambda tr(e) I in the frame of
+ * the element, and f_v = V R T g_v holds it in this state: the same as R K (R'x - X) (Mueller and Gross 2004) without
+ * K. */
 #ifndef PLIANT_FEM_ELEMENT_COROTATIONAL_H
 #define PLIANT_FEM_ELEMENT_COROTATIONAL_H
 
@@ -28,7 +30,8 @@ PLIANT_INLINE void pliant_deformation(const double x[12], const double gradients
 enum { PLIANT_ROTATION_PASSES = 12 };
 static const double pliant_rotation_moved = 1e-15; /* squares of a pass's change; Newton doubles the digits, so that it is the last one */
 
-/* above 0: neither flat nor inverted, and the iteration finds R; otherwise the signed decomposition does (signed_svd.h) */
+/* above 0: neither flat nor inverted, and the iteration finds R; otherwise the signed decomposition does
+ * (signed_svd.h) */
 PLIANT_INLINE double pliant_rotation_regular(const double f[9])
 {
     double norm = 0;
@@ -37,8 +40,8 @@ PLIANT_INLINE double pliant_rotation_regular(const double f[9])
     return pliant_determinant(f) - 1e-4 * norm * sqrt(norm);
 }
 
-/* One pass; the sum of squares of what it changed. Scaling by s^2 = |X^-1| / |X| (Frobenius) far from a rotation only, in the first
- * passes; near it, it is 1 anyway. */
+/* One pass; the sum of squares of what it changed. Scaling by s^2 = |X^-1| / |X| (Frobenius) far from a rotation only,
+ * in the first passes; near it, it is 1 anyway. */
 PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
 {
     const double cofactor[9] = {x[4] * x[8] - x[5] * x[7], x[5] * x[6] - x[3] * x[8], x[3] * x[7] - x[4] * x[6],
@@ -67,7 +70,8 @@ PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
 
 /* ---- isotropic tissue */
 
-/* Row r, column c of the block of corners a and b in K: gradients of their shape functions, times volume lambda and volume mu. */
+/* Row r, column c of the block of corners a and b in K: gradients of their shape functions, times volume lambda and
+ * volume mu. */
 PLIANT_INLINE double pliant_isotropic_entry(const double a[3], const double b[3], double lambda, double mu, int r, int c)
 {
     const double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -121,8 +125,8 @@ PLIANT_INLINE void pliant_corotational_force(const double f[9], const double r[9
 
 /* ---- homogenized: f = R K (R'x - X), [H] 2.2 */
 
-/* stiffness: K's entry (a, b) is at stride (12 a + b). Positions count from corner 0, so that a large translation costs no digits; an
- * element that leans on fixed nodes (grounded, R = I) does feel it. */
+/* stiffness: K's entry (a, b) is at stride (12 a + b). Positions count from corner 0, so that a large translation costs
+ * no digits; an element that leans on fixed nodes (grounded, R = I) does feel it. */
 PLIANT_INLINE void pliant_homogenized_force(const double *stiffness, size_t stride, const double x[12], const double rest[12],
                                             const double r[9], bool grounded, double out[12])
 {

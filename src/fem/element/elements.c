@@ -8,8 +8,9 @@
 #include <math.h>
 #include <string.h>
 
-/* Elements of nothing but empty material only fill the space that tissue moves through. Squeezed flat they would turn over at
- * once, and corotated ones have many states of rest then: iterations end in none of them. With R = I there is one. */
+/* Elements of nothing but empty material only fill the space that tissue moves through. Squeezed flat they would turn
+ * over at once, and corotated ones have many states of rest then: iterations end in none of them. With R = I there is
+ * one. */
 static bool fills(const pliant_tet_material *material) { return !(material->tissue > 0) && material->mu > 0; }
 
 static pliant_status fill(pliant_system *system, const pliant_tet_material *material)
@@ -161,8 +162,8 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
     }
 }
 
-/* Twists of the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient the forces are: turning an element by
- * a small w out of its R, while its stretch S = R'F stays, costs  w' D w  with
+/* Twists of the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient the forces are: turning an
+ * element by a small w out of its R, while its stretch S = R'F stays, costs  w' D w  with
  *     D = R (2 mu I + 2 (lambda tr(S - I) - 2 mu) (tr(S) I - S)^-1) R'
  * beyond the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
 static void twist_of(const double f[9], const double r[9], double lambda, double mu, pliant_twist part, double out[6])

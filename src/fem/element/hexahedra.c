@@ -1,11 +1,12 @@
-/* Trilinear hexahedra on the cubes of the lattice: the change of volume is the same everywhere in a cube, the change of shape is the
- * trilinear one (mean dilatation: Nagtegaal, Parks, Rice 1974; B-bar: Hughes, Int. J. Numer. Meth. Engng 15:1413, 1980). With one rotation
- * a cube (Mueller and Gross 2004) its stiffness is constant:
+/* Trilinear hexahedra on the cubes of the lattice: the change of volume is the same everywhere in a cube, the change of
+ * shape is the trilinear one (mean dilatation: Nagtegaal, Parks, Rice 1974; B-bar: Hughes, Int. J. Numer. Meth. Engng
+ * 15:1413, 1980). With one rotation a cube (Mueller and Gross 2004) its stiffness is constant:
  *     K = sum over t of mu_t int_t (2 e : e - 2/3 div^2) + (sum over t of V_t kappa_t) b b',   b = mean of the gradients, kappa = lambda + 2/3 mu,
- * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. A fourth of it is another cube's: that one's
- * displacement has the incompatible modes of Taylor, Beresford and Wilson (Int. J. Numer. Meth. Engng 10:1211, 1976), which are condensed, and its
- * change of volume is linear in the cube, so that it bends as a beam does at any Poisson's ratio. Beside a cut parts of cubes are hexahedra, too, with
- * their part of the material (hexahedra_cells.c); what is no such part stays tetrahedra. */
+ * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. A fourth of it
+ * is another cube's: that one's displacement has the incompatible modes of Taylor, Beresford and Wilson (Int. J. Numer.
+ * Meth. Engng 10:1211, 1976), which are condensed, and its change of volume is linear in the cube, so that it bends as
+ * a beam does at any Poisson's ratio. Beside a cut parts of cubes are hexahedra, too, with their part of the material
+ * (hexahedra_cells.c); what is no such part stays tetrahedra. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -18,11 +19,12 @@
 
 enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3, ENHANCED = CORNERS + 3, MODES = PLIANT_CUBE_MODES };
 
-/* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian, Duester, Rank 2007;
- * NUMERICS 5). */
+/* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian,
+ * Duester, Rank 2007; NUMERICS 5). */
 static const double filler = 5e-2;
 
-/* Part of the stiffness that is of the cube with incompatible modes (NUMERICS 5): one change of volume alone lets tissue one cube thin bend too easily. */
+/* Part of the stiffness that is of the cube with incompatible modes (NUMERICS 5): one change of volume alone lets
+ * tissue one cube thin bend too easily. */
 static const double enhanced = 0.25;
 
 /* ---- stiffness */
@@ -65,14 +67,16 @@ static void add_deviatoric(double gradient[ENHANCED][3], double weight, double *
         }
 }
 
-/* What the integrals of a cube share: its corners, the map in its middle, and the change of volume as linear in the cube, of the corners' displacements */
+/* What the integrals of a cube share: its corners, the map in its middle, and the change of volume as linear in the
+ * cube, of the corners' displacements */
 typedef struct cube_frame {
     double x[CORNERS][3], middle[9], determinant;
     double dilation[4][UNKNOWNS];  /* mean, and along each axis */
 } cube_frame;
 
-/* The gradients of the corners' shape functions, and of the incompatible modes 1/2 s_d^2, s from the middle, scaled so that their mean is zero (Taylor,
- * Beresford, Wilson, Int. J. Numer. Meth. Engng 10:1211, 1976). Returns the determinant of the map. */
+/* The gradients of the corners' shape functions, and of the incompatible modes 1/2 s_d^2, s from the middle, scaled so
+ * that their mean is zero (Taylor, Beresford, Wilson, Int. J. Numer. Meth. Engng 10:1211, 1976). Returns the
+ * determinant of the map. */
 static double gradients_at(cube_frame *frame, const double at[3], double gradient[ENHANCED][3])
 {
     const double determinant = pliant_cube_gradients(frame->x, at, gradient);
@@ -118,7 +122,8 @@ static void add_dilation(const cube_frame *frame, const double at[3], double gra
         for (int j = 0; j < MODES; j++) out[MODES * i + j] += weight * change[i] * change[j];
 }
 
-/* Gauss points of a tetrahedron: those of the cube, collapsed (Stroud 1971); exact for the products of gradients in a box */
+/* Gauss points of a tetrahedron: those of the cube, collapsed (Stroud 1971); exact for the products of gradients in a
+ * box */
 static void integrate_slot(cube_frame *frame, const int corners[4], double *deviatoric, double *dilation, double *volume, double mean[UNKNOWNS],
                            double load[CORNERS])
 {
@@ -146,7 +151,8 @@ static void integrate_slot(cube_frame *frame, const int corners[4], double *devi
     }
 }
 
-/* where a corner is from the first one; as a lattice has it where no node was moved, so that its cubes are alike to the last bit */
+/* where a corner is from the first one; as a lattice has it where no node was moved, so that its cubes are alike to the
+ * last bit */
 static void corner_of(const pliant_mesh *mesh, const pliant_cube *cube, int corner, double x[3])
 {
     const bool alike = mesh->num_moved == 0 && !mesh->leaf_of_cell;

@@ -16,8 +16,8 @@ typedef struct masses {
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the masses"); }
 
-/* Nodes at the corners of cubes with a tetrahedron that is not kept, which may be whole no more, and nodes that there were not: anew (num_nodes).
- * Errors: MEMORY. */
+/* Nodes at the corners of cubes with a tetrahedron that is not kept, which may be whole no more, and nodes that there
+ * were not: anew (num_nodes). Errors: MEMORY. */
 static pliant_status mark_anew(const pliant_mesh *mesh, int32_t nodes_before, const uint8_t *kept, uint8_t *anew)
 {
     const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;

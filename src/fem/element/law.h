@@ -1,17 +1,20 @@
 /* Strain energies of isotropic tissue behind one interface: how stiff an element answers to its deformation gradient F.
  *
- * With H = F - I, J = det F, C = F'F, I1 = tr C and cof F = J F^-T, the first Piola-Kirchhoff stress of each law is written as
+ * With H = F - I, J = det F, C = F'F, I1 = tr C and cof F = J F^-T, the first Piola-Kirchhoff stress of each law is
+ * written as
  *     P = a (F - cof F) + b cof F        or, where c is asked for,        P = F S
- * with a, b functions of I1 - 3 and J - 1. F - cof F = H + H' - tr(H) I - cof H and J - 1 = tr H + tr(cof H) + det H lose no digits near
- * rest, which matters in single precision.
+ * with a, b functions of I1 - 3 and J - 1. F - cof F = H + H' - tr(H) I - cof H and J - 1 = tr H + tr(cof H) + det H
+ * lose no digits near rest, which matters in single precision.
  *
- * neo_hookean: W = mu/2 (I1 - 3) - mu ln J + lambda/2 (J - 1)^2, so S = mu (I - C^-1) + lambda J (J - 1) C^-1. This is equation 10 of
+ * neo_hookean: W = mu/2 (I1 - 3) - mu ln J + lambda/2 (J - 1)^2, so S = mu (I - C^-1) + lambda J (J - 1) C^-1. This is
+ * equation 10 of
  *     [C], with its product J (J - 1) read as such.
- * compressible: W = mu/2 (J^(-2/3) I1 - 3) + kappa/4 (J^2 - 1 - 2 ln J), kappa = lambda + 2/3 mu (Miehe 1994; Holzapfel 2000, 6.5).
- * saint_venant_kirchhoff: S = lambda tr(E) I + 2 mu E, E = (C - I) / 2.
+ * compressible: W = mu/2 (J^(-2/3) I1 - 3) + kappa/4 (J^2 - 1 - 2 ln J), kappa = lambda + 2/3 mu (Miehe 1994; Holzapfel
+ * 2000, 6.5). saint_venant_kirchhoff: S = lambda tr(E) I + 2 mu E, E = (C - I) / 2.
  *
- * 1/J, and with it ln J and J^(-2/3), has no value for elements that are flat or inverted. Below J = 0.3 they go on as straight lines (the
- * energy as a parabola), so that an element is pushed back through the flat state; above, the laws are as written. */
+ * 1/J, and with it ln J and J^(-2/3), has no value for elements that are flat or inverted. Below J = 0.3 they go on as
+ * straight lines (the energy as a parabola), so that an element is pushed back through the flat state; above, the laws
+ * are as written. */
 #ifndef PLIANT_FEM_ELEMENT_LAW_H
 #define PLIANT_FEM_ELEMENT_LAW_H
 
@@ -24,8 +27,9 @@ extern "C" {
 
 #define PLIANT_SMALLEST_RATIO 0.3
 
-/* For a floating type: the terms of the stress. `shear` is b without what resists a change of volume, `volume` what does, so
- * b = shear + volume; volume is linear in the modulus that pliant_law_modulus names, for pressures at nodes. */
+/* For a floating type: the terms of the stress. `shear` is b without what resists a change of volume, `volume` what
+ * does, so b = shear + volume; volume is linear in the modulus that pliant_law_modulus names, for pressures at
+ * nodes. */
 #define PLIANT_DEFINE_LAW_TERMS(real, name)                                                                                      \
     PLIANT_INLINE real name##_reciprocal(real ratio)                                                                             \
     {                                                                                                                            \
@@ -82,7 +86,8 @@ static inline double pliant_law_modulus(pliant_law law, double lambda, double mu
     return law == PLIANT_LAW_COMPRESSIBLE ? lambda + mu * (2.0 / 3) : lambda;
 }
 
-/* Energy density [J/m^3] of a deformation gradient (9, row-major) and, Nullable, its first Piola-Kirchhoff stress [Pa]. */
+/* Energy density [J/m^3] of a deformation gradient (9, row-major) and, Nullable, its first Piola-Kirchhoff stress
+ * [Pa]. */
 double pliant_law_response(pliant_law law, double lambda, double mu, const double deformation[9], double stress[9]);
 
 /* Cauchy stress P F' / J [Pa], symmetric: xx yy zz xy xz yz. false: the element is flat or inverted and has none. */

@@ -145,7 +145,8 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* unknowns from column on that share a cube with it, ascending: rows, room for num_free; seen: which column looked last */
+/* unknowns from column on that share a cube with it, ascending: rows, room for num_free; seen: which column looked
+ * last */
 static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *seen, int32_t *rows)
 {
     const pliant_macros *macros = system->macros;

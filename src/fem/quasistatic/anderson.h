@@ -1,12 +1,17 @@
-/* The rules of safeguarded Anderson acceleration (type II: Walker and Ni 2011, Anderson acceleration for fixed-point iterations, 2.1),
- * for the CPU's solver and for the kernels of cuda/fem/quasistatic/anderson.cu: whoever evaluates states tells their merit, and is told what to evaluate
- * next. A merit is the energy norm of the step that the preconditioner finds for a state.
+/* Rules of safeguarded Anderson acceleration (type II: Walker and Ni 2011, Anderson acceleration for fixed-point
+ * iterations, 2.1). The CPU solver and the kernels in cuda/fem/quasistatic/anderson.cu share them. The solver evaluates
+ * states and reports their merit; the rules return the next state to evaluate. The merit of a state is the energy norm
+ * of the preconditioned step.
  *
- * Every trial that is accepted has a lower merit than the state before. After a refusal: once more with what the refused state taught;
- * then without secants that are far larger than what is left, of which they are not true enough, though they will be of the next step;
- * then the preconditioner's own step; then ever shorter ones, into the next step where this one ends first. A last step that is not judged
- * (BLIND) is taken where the one before went well, or where the frame would not move otherwise, and judged by the first evaluation of the
- * next step, which is most often made at the end of this one. */
+ * Every accepted trial has a lower merit than the state before. After a refusal the rules try, in this order:
+ * - a trial with the secant of the refused state;
+ * - a trial without secants much larger than the merit, which are too inaccurate for it and become useful again in the
+ *   next step;
+ * - the preconditioner's plain step;
+ * - ever shorter plain steps, continued in the next step if this step ends first.
+ *
+ * A final step without evaluation (BLIND) is taken after a good step, or if the state would not move otherwise. The
+ * first evaluation of the next step judges it. It is usually done at the end of this step. */
 #ifndef PLIANT_FEM_QUASISTATIC_ANDERSON_H
 #define PLIANT_FEM_QUASISTATIC_ANDERSON_H
 
@@ -23,77 +28,88 @@ extern "C" {
 enum { PLIANT_MAX_HISTORY = 20 };
 enum { PLIANT_MOST_REFUSED = 12, PLIANT_MOST_SLOW = 10 };
 
-/* Secants are not exact: of their steps, relative, in a trial that is looked at before it is taken. */
+/* Relative error of the secants' steps, in a trial that is evaluated before it is accepted. */
 #define PLIANT_NOISE_OF_TRIAL 1e-5
-/* Merit after over before an evaluation above which the preconditioner serves badly: it is made anew, or in other axes. */
+/* Ratio of the merit after an evaluation to the merit before it. Above this value the preconditioner converges slowly,
+ * and is rebuilt or applied in other axes. */
 #define PLIANT_SERVES_BADLY 0.15
-/* Evaluations after which the axes of the nodes follow the tissue (nodal_rotations.h): it costs little beside them. */
+/* Number of evaluations after which the axes of the nodes are rotated (nodal_rotations.h). A rotation costs little
+ * compared with them. */
 #define PLIANT_EVALUATIONS_A_TURN 2
 
-/* In thousandths of the body's length (smallest_displacement): a blind step that nothing speaks for moves no node farther than this, where
- * plain steps still mean something: of tissue that hangs by little they are metres; and what is farther from rest than that is no state. */
+/* Limits in thousandths of the body's length (smallest_displacement). A blind step without supporting evidence moves no
+ * node farther than FARTHEST_DOUBTED. Plain steps of weakly attached tissue can be metres long. A state farther than
+ * FARTHEST from rest is invalid. */
 #define PLIANT_FARTHEST_DOUBTED 100.0
 #define PLIANT_FARTHEST 100000.0
 
 typedef enum pliant_anderson_next {
-    PLIANT_NEXT_DONE,      /* the step ends where it is */
-    PLIANT_NEXT_FIRST,     /* the state that the step begins with */
-    PLIANT_NEXT_PREVIOUS,  /* the last state that was evaluated, before a blind step that is in doubt */
+    PLIANT_NEXT_DONE,      /* end the step at the present state */
+    PLIANT_NEXT_FIRST,     /* evaluate the initial state of the step */
+    PLIANT_NEXT_PREVIOUS,  /* evaluate the last evaluated state, from before a doubtful blind step */
     PLIANT_NEXT_TRIAL,
-    PLIANT_NEXT_DESCENT,   /* the longest plain step along which the potential energy fell, whatever the merit */
-    PLIANT_NEXT_REST,      /* the body at rest */
+    PLIANT_NEXT_DESCENT,   /* take the longest plain step that lowered the potential energy, for any merit */
+    PLIANT_NEXT_REST,      /* evaluate the rest state */
     PLIANT_NEXT_BLIND      /* take the proposed step; the step ends */
 } pliant_anderson_next;
 
 typedef struct pliant_anderson {
-    /* limits of a step */
+    /* Limits of a step. */
     int32_t most_evaluations;
-    int32_t depth;             /* secants that are kept at least; 0: none */
-    int32_t room;              /* and at most */
-    int32_t limits_secants;    /* after refusals, secants may be too large to be used */
-    double tolerance;          /* of the largest displacement: error at which a step ends */
-    double smallest_displacement; /* which counts for at least so much [m] */
+    int32_t depth;             /* minimum number of secants to keep; 0: none */
+    int32_t room;              /* maximum number of secants to keep */
+    int32_t limits_secants;    /* after refusals, very large secants are left out */
+    double tolerance;          /* error at which a step ends, as a fraction of the largest displacement */
+    double smallest_displacement; /* lower bound of the largest displacement in this fraction [m] */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
-    int32_t is_bounded;        /* something touches: who asks bounds how far the step may go, and a blind one that nothing speaks for may go as far as any */
+    /* There is contact. The solver then limits the length of the step, and a doubtful blind step may be as long as any
+     * other. */
+    int32_t is_bounded;
 
-    /* from step to step */
-    int32_t refused;           /* trials since the last accepted one */
-    int32_t limited;           /* the last of them was without large secants */
-    int32_t slow;              /* steps in a row that hardly lowered the merit */
-    int32_t blind;             /* the state is one step beyond what was evaluated */
+    /* State between steps. */
+    int32_t refused;           /* number of trials since the last accepted trial */
+    int32_t limited;           /* the last trial left out large secants */
+    int32_t slow;              /* consecutive steps that hardly lowered the merit */
+    int32_t blind;             /* the present state follows a blind step and is not evaluated */
     int32_t refused_any;          /* a trial of the last step was refused */
-    int32_t last_evaluations;  /* of the last step */
-    double sound_merit;        /* that the last step began with that was compared with the state before a blind step, or followed none */
-    double rate;               /* merit after over before an evaluation, last step's mean; 0: there was nothing to do */
-    double descent;            /* longest damping of a plain step along which the potential energy fell; 0: none */
-    double log_contraction;    /* of the merit by an evaluation, smoothed over steps: what it leaves of an error at least */
-    double told;               /* error of the last step [m] */
-    uint64_t num_secants;      /* that there ever were */
-    uint64_t number[PLIANT_MAX_HISTORY]; /* of the secant in a place, counted from 1; 0: none */
+    int32_t last_evaluations;  /* number of evaluations of the last step */
+    /* Initial merit of the last step that was compared with the state before its blind step, or that had no blind step
+     * before it. */
+    double sound_merit;
+    double rate;               /* mean merit ratio per evaluation in the last step; 0: no work was needed */
+    double descent;            /* largest damping of a plain step that lowered the potential energy; 0: none */
+    /* Logarithm of the merit ratio per evaluation, smoothed over steps: a lower bound of the remaining error. */
+    double log_contraction;
+    double told;               /* reported error of the last step [m] */
+    uint64_t num_secants;      /* number of secants so far */
+    uint64_t number[PLIANT_MAX_HISTORY]; /* number of the secant in each slot, from 1; 0: empty */
 
-    /* this step */
+    /* State within this step. */
     int32_t evaluations, rejected;
-    int32_t accepted;          /* a trial was */
-    int32_t last;              /* the trial is in place of a blind step and the evaluation of its end */
+    int32_t accepted;          /* a trial was accepted */
+    int32_t last;              /* the trial replaces a blind step and the evaluation of its end */
     int32_t converged;
     double merit;              /* of the present state */
-    double first_merit;        /* that the step began with */
-    double before;             /* of the state before the present one */
-    double error;              /* estimate of the state that the step ends with: largest distance of a node from where it would converge [m] */
-    double error_before;       /* the same of the step before, as this one's secants have it [m] */
+    double first_merit;        /* merit at the start of the step */
+    double before;             /* merit of the state before the present one */
+    /* Estimated error of the final state: largest distance of a node from its converged position [m]. */
+    double error;
+    /* The same error of the previous step, estimated with this step's secants [m]. */
+    double error_before;
 
-    /* what is to be done, in this order */
-    int32_t keep;              /* the secant from the present state to the one evaluated, in this place; -1: none */
-    int32_t take;              /* what was evaluated becomes the present state */
-    int32_t forget;            /* all secants */
+    /* Actions for the solver, in this order. */
+    int32_t keep; /* slot for the secant from the present state to the evaluated state; -1: do not store it */
+    int32_t take;              /* the evaluated state becomes the present state */
+    int32_t forget;            /* drop all secants */
     int32_t next;              /* pliant_anderson_next */
-    int32_t mixes;             /* its proposal: with secants */
-    double largest_secant;     /* those whose step's energy is not above this [J] */
+    int32_t mixes;             /* the proposal uses secants */
+    double largest_secant;     /* upper limit of a used secant's step energy [J] */
     double damping;
 } pliant_anderson;
 
-/* The merit of a state from energy = step . residual and the norm of the load. Below zero by more than rounding, what stands for the
- * inverse of the stiffness is not positive there: no measure, and such a state is never accepted. */
+/* Return the merit of a state from energy = step . residual and the norm of the load. A negative energy beyond rounding
+ * means that the preconditioner is not positive definite at this state. Return INFINITY then; such a state is never
+ * accepted. */
 PLIANT_INLINE double pliant_anderson_merit(double energy, double scale)
 {
     const double rounding = 1e-10;
@@ -101,9 +117,16 @@ PLIANT_INLINE double pliant_anderson_merit(double energy, double scale)
     return energy > 0 ? sqrt(energy) : 0.0;
 }
 
-/* Secants worth keeping: those of a step and a half, of so many evaluations each, and no fewer than the scene asks for. Less does not
- * span what a step learns, more reaches back to where the tissue was another. (110 k tetrahedra, gravity that turns: of 8 evaluations a
- * step 6 secants leave 1 to 3 % of error, 10 to 14 0.1 %, 18 up to 1.5 %; of 4, 6 leave 1 %, 9 2 %.) */
+/* Return the number of secants to keep. They cover one and a half steps, and number at least the scene's minimum. Fewer
+ * secants do not span the changes within a step. More secants are outdated.
+ *
+ * Errors with 110 k tetrahedra and rotating gravity:
+ *   evaluations per step   secants   error
+ *   8                      6         1 to 3 %
+ *   8                      10 to 14  0.1 %
+ *   8                      18        up to 1.5 %
+ *   4                      6         1 %
+ *   4                      9         2 % */
 PLIANT_INLINE int32_t pliant_anderson_depth(int32_t least, int32_t evaluations)
 {
     if (least == 0) return 0;
@@ -124,7 +147,7 @@ PLIANT_INLINE int32_t pliant_anderson_secants(const pliant_anderson *rules)
     return count;
 }
 
-/* A place for the next secant: the oldest ones give way. */
+/* Return a slot for the next secant. The oldest secants are dropped when all slots are in use. */
 PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
 {
     int32_t most = pliant_anderson_depth(rules->depth, rules->last_evaluations), count = pliant_anderson_secants(rules), empty = -1;
@@ -141,44 +164,50 @@ PLIANT_INLINE int32_t pliant_anderson_place(pliant_anderson *rules)
     return empty;
 }
 
-/* Of a secant whose step has this energy: what it is divided by in the equations of the weights, as an inverse; 0: it is not used. */
+/* Return the scaling factor of a secant in the equations of the weights, from its step energy. 0: do not use the
+ * secant. */
 PLIANT_INLINE double pliant_anderson_scale(double energy, double largest) { return energy > 0 && energy <= largest ? 1.0 / sqrt(energy) : 0.0; }
 
-/* And in an estimate of what is left, where secants taken for exact explain small residuals by large moves that cancel: the less exact, the
- * more secants have come since the one in a place. */
+/* Return the relative noise of a secant in the error estimate. It grows with the secant's age. Without noise, secants
+ * explain small residuals by large motions that cancel. */
 PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t place)
 {
     const double newest = 0.01, aged = 0.03, age = (double)(rules->num_secants - rules->number[place]);
     return newest + aged * age * age;
 }
 
-/* Of an error that no secant explains every evaluation leaves a part c: half, of a V-cycle, which hides slow errors, more, and no less than the
- * merits have shown. Corrections are a geometric series then (Aitken), and that part of the error is so many times the next one, 1 / (1 - c). */
+/* Return the factor by which an unexplained error exceeds the next correction. Each evaluation leaves the fraction c of
+ * an error that no secant explains. The value is 0.5 for a factor and 0.7 for a V-cycle, which reduces smooth errors
+ * slowly. It is not below the smoothed ratio of the merits. The corrections form a geometric series (Aitken), with the
+ * sum 1 / (1
+ * - c). */
 PLIANT_INLINE double pliant_anderson_unexplained(const pliant_anderson *rules)
 {
     const double factor = 0.5, cycle = 0.7, most = 0.8;
     return 1 / (1 - fmin(fmax(rules->is_cycle ? cycle : factor, exp(rules->log_contraction)), most));
 }
 
-/* Largest error of a node, from what is left at an evaluated state, of which secants explain a little too much away. */
+/* Return the error estimate of a node from the remaining motion of an evaluated state. The factor corrects for secants
+ * that explain a little too much. */
 PLIANT_INLINE double pliant_anderson_error(double left)
 {
     const double too_little = 1.25;
     return too_little * left;
 }
 
-/* Evaluations of a step, but for that of its end, and the trial in its place. */
+/* Return the number of iterations of a step: its evaluations without the final trial that replaces a blind step. */
 PLIANT_INLINE int32_t pliant_anderson_iterations(const pliant_anderson *rules) { return rules->evaluations - rules->last; }
 
-/* The last word of a step: on the step before. seen: its end was evaluated, with what is the preconditioner now; left: there, with the secants
- * of now. */
+/* Report the error of the previous step.
+ * @param seen  The end of the previous step was evaluated with the present preconditioner.
+ * @param left  Remaining motion at that state, with the present secants [m]. */
 PLIANT_INLINE void pliant_anderson_tell(pliant_anderson *rules, bool seen, double left)
 {
     rules->error_before = seen ? pliant_anderson_error(left) : rules->told;
     rules->told = rules->error;
 }
 
-/* at rest, nothing known; limits stay */
+/* Reset to the rest state without history. The limits stay. */
 PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
 {
     rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
@@ -189,7 +218,7 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
     pliant_anderson_forget(rules);
 }
 
-/* The state was changed from outside. */
+/* Reset after the state was changed by the caller. */
 PLIANT_INLINE void pliant_anderson_moved(pliant_anderson *rules)
 {
     rules->refused = rules->limited = rules->slow = rules->blind = 0;
@@ -205,16 +234,16 @@ PLIANT_INLINE void pliant_anderson_begin(pliant_anderson *rules)
     rules->next = PLIANT_NEXT_FIRST;
 }
 
-/* ---- after an evaluation */
+/* ---- After an evaluation. */
 
 PLIANT_INLINE void pliant_anderson_first(pliant_anderson *rules, bool sound)
 {
-    if (rules->blind && sound) rules->refused = rules->limited = 0; /* what was tried after refusals was good */
+    if (rules->blind && sound) rules->refused = rules->limited = 0; /* the attempts after refusals were successful */
     rules->first_merit = rules->merit;
     rules->blind = 0;
 }
 
-/* falls: the potential energy still does where a plain step has led to */
+/* Judge a trial. falls: the potential energy still decreases at the end of a plain step. */
 PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double merit, bool falls)
 {
     if (merit < rules->merit) {
@@ -235,7 +264,7 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
     rules->rejected++;
 }
 
-/* what has been evaluated; true: the step goes on with what is in next already */
+/* Judge the evaluated state. Return true if `next` already holds the next action. */
 PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double merit, bool falls)
 {
     const double too_high = 2;
@@ -262,7 +291,8 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
         rules->next = PLIANT_NEXT_DONE;
         return true;
     case PLIANT_NEXT_DESCENT:
-        /* found steps ago, for other loads or tools, it may no longer lead down: then it is left */
+        /* For other loads or tools, a descent direction found several steps ago may no longer descend. It is dropped
+         * then. */
         rules->descent = 0;
         if (!falls) return false;
         rules->take = rules->forget = 1;
@@ -275,11 +305,11 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
     }
 }
 
-/* The step's end; false: nothing leads on from here, and the body at rest may be the better place to start from, after collapses and
- * other states that no tissue is in. */
+/* End the step. Return false if no trial makes progress. The rest state may then be the better start, for example after
+ * a collapse. */
 PLIANT_INLINE bool pliant_anderson_finish(pliant_anderson *rules)
 {
-    const double slow = 0.9; /* merit over the merit before */
+    const double slow = 0.9; /* ratio of successive merits */
     const int32_t steps = rules->evaluations - 1;
     rules->last_evaluations = rules->evaluations;
     rules->rate = steps > 0 && rules->first_merit > 0 ? pow(rules->merit / rules->first_merit, 1.0 / steps) : 0.0;
@@ -292,19 +322,23 @@ PLIANT_INLINE bool pliant_anderson_finish(pliant_anderson *rules)
 
 PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
 {
-    const double still_true = 30; /* secants up to so many times the merit */
+    const double still_true = 30; /* largest used secant as a multiple of the merit */
     rules->limited = rules->refused == 2 && !rules->limited && isfinite(rules->merit) && rules->limits_secants;
     rules->mixes = rules->refused < 2 || rules->limited;
     rules->largest_secant = rules->limited ? pow(still_true * rules->merit, 2.0) : INFINITY;
     rules->damping = rules->refused < 3 ? 1.0 : ldexp(1.0, 2 - rules->refused);
 }
 
-/* After an evaluation of what was asked for. slope: for a trial without secants its step's own product with the residual where it leads
- * to; 0 where springs pull, which have no part in the potential energy. affordable: evaluations that there is time for, that of the step's
- * end too. A step that would not end blindly has another trial in its place. */
+/* Judge the evaluated state and choose the next action.
+ * @param slope       For a trial without secants: product of its step with the residual at its end. 0 with springs,
+ *     whose energy is not part of the potential energy.
+ * @param affordable  Number of evaluations that fit in the time budget, including the evaluation at the end of the
+ *     step.
+ *
+ * A step that would not end blindly has another trial instead. */
 PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, double slope, int32_t affordable)
 {
-    const double went_well = 0.5; /* merit over the merit before */
+    const double went_well = 0.5; /* ratio of successive merits */
     const bool falls = isfinite(merit) && slope > 0;
     rules->evaluations++;
     rules->take = rules->forget = 0;
@@ -313,7 +347,8 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     if (rules->keep == 0) rules->keep = pliant_anderson_place(rules);
     if (rules->forget) pliant_anderson_forget(rules);
     if (rules->refused >= PLIANT_MOST_REFUSED && rules->descent > 0) {
-        /* The merit has a minimum here that is no equilibrium: beside a state that the tissue leaves, as it snaps over. Its energy falls on. */
+        /* The merit has a minimum here that is no equilibrium, next to a state that the tissue leaves by snapping. The
+         * potential energy still decreases. */
         rules->next = PLIANT_NEXT_DESCENT;
         rules->mixes = 0;
         rules->damping = rules->descent;
@@ -330,12 +365,14 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     rules->next = !pliant_anderson_finish(rules) ? PLIANT_NEXT_REST : goes_on && !rules->last ? PLIANT_NEXT_BLIND : PLIANT_NEXT_DONE;
 }
 
-/* After a proposal (TRIAL, BLIND, DONE). mixed: weights were to be had. left: the largest move of a node that the secants and the residual
- * call for; made: by the proposal [m]. */
+/* Finish a proposal (TRIAL, BLIND, DONE).
+ * @param mixed  Weights of secants were found.
+ * @param left   Largest remaining motion of a node, from the secants and the residual [m].
+ * @param made   Largest motion of a node by the proposal [m]. */
 PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made, double displacement)
 {
     const double foreseen = 0.3;
-    /* secants whose products are no longer those of any vectors, by rounding, are of no use to any step */
+    /* Rounding has made the secants' products inconsistent; no step can use them. */
     const bool useless = rules->mixes && !mixed && pliant_anderson_secants(rules) > 0;
     rules->mixes = rules->mixes && mixed;
     rules->forget = rules->next != PLIANT_NEXT_DONE && ((rules->refused == 2 && !rules->mixes) || useless);
@@ -350,17 +387,18 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     const bool ends = rules->next == PLIANT_NEXT_BLIND, doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
     if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded ? PLIANT_FARTHEST_DOUBTED : PLIANT_FARTHEST))) rules->next = PLIANT_NEXT_DONE;
     if (!ends) return;
-    if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen; /* until the end is evaluated, if it is */
+    /* Until the final state is evaluated. */
+    if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen;
     rules->blind = rules->next == PLIANT_NEXT_BLIND;
     if (!doubted) return;
-    rules->limited = 1; /* where it turns out to lead nowhere, these have been tried */
+    rules->limited = 1; /* if this step fails, these attempts are not repeated */
     rules->refused = rules->mixes ? 2 : rules->refused < 3 ? 3 : rules->refused + 1;
 }
 
-/* ---- after the blind step that a step ends with */
+/* ---- After the blind step at the end of a step. */
 
-/* The state there was evaluated as well, in place of the beginning of the next step: it is the present one now, and the way to it a secant.
- * false: it is no state */
+/* Judge the end of a blind step, evaluated in advance of the next step. It becomes the present state, and the blind
+ * step becomes a secant. Return false if the state is invalid. */
 PLIANT_INLINE bool pliant_anderson_judge_end(pliant_anderson *rules, double merit)
 {
     const bool good = isfinite(merit);

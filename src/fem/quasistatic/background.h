@@ -1,13 +1,17 @@
-/* Whether a step takes what was made in the background (pliant_background). */
+/* Decides whether a step installs a background result (pliant_background). */
 #ifndef PLIANT_FEM_QUASISTATIC_BACKGROUND_H
 #define PLIANT_FEM_QUASISTATIC_BACKGROUND_H
 
 #include "state/data.h"
 
-/* No step waits; nor when the same is done again. background is Nullable: as planned */
+/* Return whether steps are live or a replay of live steps. Live steps do not wait for results. Nullable background:
+ * planned */
 static inline bool pliant_background_is_live(const pliant_background *background) { return background && background->kind != PLIANT_BACKGROUND_PLANNED; }
 
-/* finished: it is ready. due: the step has come that it was planned for. background is Nullable: as planned */
+/* Return whether the result is installed in this step.
+ * @param background  Nullable: planned.
+ * @param finished    The result is ready.
+ * @param due         This is the planned step. */
 static inline bool pliant_background_arrives(pliant_background *background, uint32_t result, bool finished, bool due)
 {
     const pliant_background_kind kind = background ? background->kind : PLIANT_BACKGROUND_PLANNED;

@@ -1,6 +1,7 @@
-/* What holds the tissue while tangent products are taken (opened.c): tools' springs, and points of contact that press, which stay closed, and where
- * they stick, stay there. Of constraints W dx + c dl = 0 conjugate gradients keep all directions (Gould, Hribar, Nocedal 2001, On the solution of
- * equality constrained quadratic programming problems arising in optimization, 3): preconditioned with [K0 -W'; W c] in place of K0. */
+/* Constraints that act while tangent products are computed (opened.c): the springs of tools, and closed contact points
+ * with a normal force. Sticking points stay at their position. Conjugate gradients keep all directions within the
+ * constraints W dx + c dl = 0 (Gould, Hribar, Nocedal 2001, On the solution of equality constrained quadratic
+ * programming problems arising in optimization, 3). The preconditioner is [K0 -W'; W c] instead of K0. */
 #ifndef PLIANT_FEM_QUASISTATIC_HELD_H
 #define PLIANT_FEM_QUASISTATIC_HELD_H
 
@@ -12,26 +13,27 @@ extern "C" {
 
 typedef struct pliant_held {
     int num_tools, tool[PLIANT_MAX_TOOLS];
-    int rows, contact_rows; /* of all; of points, which come first */
-    int32_t *contact_row;   /* (contact_rows) three times the point, and 0 along its normal, 1 and 2 across */
-    double *factor;         /* (rows x rows) of A, as Cholesky has it */
-    double *right;          /* (rows) room */
-    double *point_force;    /* (3 points) room */
-    double *pulled;         /* (3 num_free) room; with points alone */
+    int rows, contact_rows; /* number of all rows, and of contact rows, which come first */
+    int32_t *contact_row;   /* (contact_rows) 3 * point + direction; direction 0 is normal, 1 and 2 are tangential */
+    double *factor;         /* (rows x rows) Cholesky factor of A */
+    double *right;          /* (rows) work array */
+    double *point_force;    /* (3 points) work array */
+    double *pulled;         /* (3 num_free) work array; only with contact points */
 } pliant_held;
 
-/* Forces of all that holds. */
+/* Forces of all constraints. */
 typedef struct pliant_held_forces {
     double tool[PLIANT_MAX_ROWS]; /* [N] */
     double *row;                  /* (contact_rows) [N] */
 } pliant_held_forces;
 
-/* After an evaluation of the state. *holds: false: what it would be solved by is singular. Errors: MEMORY. */
+/* Create the constraints after an evaluation of the state. holds: out: false if the constraint matrix is singular.
+ * Errors: MEMORY. */
 pliant_status pliant_held_create(const pliant_solver *solver, pliant_held *held, bool *holds);
 void pliant_held_free(pliant_held *held);
-/* dl that keeps the constraints on v, and v += U dl. dl: out. Errors: MEMORY. */
+/* Compute dl that keeps the constraints for v, and add U dl to v. dl: out. Errors: MEMORY. */
 pliant_status pliant_held_keep(const pliant_solver *solver, const pliant_held *held, double *v, pliant_held_forces *dl);
-/* v += share W' dl */
+/* Add share W' dl to v. */
 void pliant_held_pull(const pliant_solver *solver, const pliant_held *held, const pliant_held_forces *dl, double share, double *v);
 
 #ifdef __cplusplus

@@ -1,9 +1,10 @@
-/* The axes in which a preconditioner is used. Its numbers belong to one state; from there on the tissue turns, here more, there
- * less. A piece that turned by Q has the stiffness Q K Q', so that the old numbers stay good in axes that turn with each node:
+/* Axes in which a preconditioner is applied. A preconditioner is computed at one state, and the tissue rotates away
+ * from that state by different angles. Tissue that rotated by Q has the stiffness Q K Q'. The old preconditioner
+ * therefore stays accurate in axes that rotate with each node:
  *     M^-1 = T V T',  T = diag(Q of every node)
- * (Courtecuisse, Allard, Duriez and Cotin 2010, Asynchronous preconditioners for efficient solving of non-linear deformations).
- * Secants are kept in these axes too: what was learned of a piece turns with it, and products of steps and pulls stay what
- * they are. */
+ * (Courtecuisse, Allard, Duriez and Cotin 2010, Asynchronous preconditioners for efficient solving of non-linear
+ * deformations). The secants are stored in these axes as well. They rotate with the tissue, and products of steps and
+ * residuals do not change. */
 #ifndef PLIANT_FEM_QUASISTATIC_NODAL_ROTATIONS_H
 #define PLIANT_FEM_QUASISTATIC_NODAL_ROTATIONS_H
 
@@ -16,19 +17,21 @@ extern "C" {
 typedef struct pliant_nodal_rotations {
     bool turned;             /* false: Q = I everywhere */
     double *rotation;        /* (num_free x 9) Q */
-    float (*before)[9][LANES]; /* (num_blocks) V mu F0, F0 at the positions that the preconditioner belongs to [N m] */
-    float (*product)[LANES][9]; /* (num_blocks) V mu F F0', one element after the other, as nodes gather them */
+    float (*before)[9][LANES]; /* (num_blocks) V mu F0; F0 at the reference positions of the preconditioner [N m] */
+    float (*product)[LANES][9]; /* (num_blocks) V mu F F0', element by element, in the order in which nodes sum them */
 } pliant_nodal_rotations;
 
-/* *out is NULL for systems that are not turned: what is homogenized, macro-elements, patches. Errors: MEMORY. */
+/* Create the axes. *out is NULL for systems without rotating axes: homogenized elements, macro-elements, patches.
+ * Errors: MEMORY. */
 pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_nodal_rotations **out);
 void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations); /* Nullable */
-/* The preconditioner belongs to these positions now; they are taken for the present ones until pliant_nodal_rotations_update. Nullable rotations */
+/* Set the reference positions of the preconditioner. All rotations are I until pliant_nodal_rotations_update. Nullable
+ * rotations */
 void pliant_nodal_rotations_refer(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations);
-/* Turn with the tissue to these positions. Nullable rotations */
+/* Rotate the axes with the tissue to these positions. Nullable rotations */
 void pliant_nodal_rotations_update(const pliant_system *system, const double *positions, pliant_nodal_rotations *rotations);
 
-/* Q' v, Q v of one unknown node, in place; rotations may be NULL */
+/* Compute Q' v (into) or Q v (from) of one unknown node, overwriting v. Nullable rotations */
 static inline void pliant_into_node_axes(const pliant_nodal_rotations *rotations, int32_t node, double v[3])
 {
     if (!rotations || !rotations->turned) return;

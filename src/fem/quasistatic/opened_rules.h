@@ -7,36 +7,40 @@
 #include <stdint.h>
 
 enum {
-    PLIANT_OPENED_LEAST = 4,    /* evaluations: the state, a product, what it leads to, and what is left of that */
-    PLIANT_OPENED_PRODUCTS = 8, /* at most */
-    PLIANT_OPENED_PARTS = 8     /* that the way is gone in at most */
+    PLIANT_OPENED_LEAST = 4,    /* minimum number of evaluations: state, product, end of the step, remaining residual */
+    PLIANT_OPENED_PRODUCTS = 8, /* maximum number of products */
+    PLIANT_OPENED_PARTS = 8     /* maximum number of parts of the step */
 };
 
-/* Of the norm of the residual, of which a hinge has a small part: with 0.05 it is left as it was (NUMERICS 10). */
+/* Stop at this fraction of the residual's norm. A hinge has a small part of the residual: with 0.05 it does not open
+ * (NUMERICS 10). */
 #define PLIANT_OPENED_ENOUGH 0.01
-/* Of the tolerance: a cut whose first step is no longer than this has released nothing. A hinge's is longer than it is made by the carried inverse, a hundred times. */
+/* Fraction of the tolerance: a cut whose first step is shorter has released no tissue. The carried inverse makes a
+ * hinge's first step too short, up to a hundred times. */
 #define PLIANT_OPENED_SETTLED 0.1
-/* Of the first direction: what holds has not moved if it has moved less. */
+/* Fraction of the first direction: below it, the held nodes have not moved. */
 #define PLIANT_OPENED_HARDLY 0.01
-/* Thousandths of the body's length: of the difference that a product is taken by; that are gone at once; from where on each part is looked at; in all:
- * what hangs by little is sent metres away. */
+/* Lengths in thousandths of the body's length: the difference for a product, the length of one part, the length above
+ * which each part is checked, and the maximum length. Newton steps of weakly attached tissue can be metres long. */
 #define PLIANT_OPENED_DIFFERENCE 1e-3
 #define PLIANT_OPENED_STRAIGHT 20.0
 #define PLIANT_OPENED_DOUBTED 250.0
 #define PLIANT_OPENED_FARTHEST 800.0
 
-/* Products that so many evaluations allow. */
+/* Return the number of products that fit in so many evaluations. */
 static inline int32_t pliant_opened_products(int32_t evaluations) { return evaluations - 2 < PLIANT_OPENED_PRODUCTS ? evaluations - 2 : PLIANT_OPENED_PRODUCTS; }
-/* The part of a direction that a product is taken by, of its longest; 0: it is nothing. */
+/* Return the fraction of a direction for a difference product, from the direction's largest entry. 0: the direction is
+ * zero. */
 static inline double pliant_opened_difference(double smallest_displacement, double longest)
 {
     const double part = PLIANT_OPENED_DIFFERENCE * smallest_displacement / longest;
     return longest > 0 && isfinite(part) ? part : 0;
 }
-/* Whether the first step [m] says that there is nothing to be found. */
+/* Return whether the first step [m] shows that the cut has released no tissue. */
 static inline bool pliant_opened_is_settled(double longest, double tolerance) { return longest <= PLIANT_OPENED_SETTLED * tolerance; }
-/* Conjugate gradients: whether another direction is worth its product; how much of it is gone, 0: it leads nowhere; of it, in the next one. led: the first, which
- * what holds has led, is gone as it is. */
+/* Rules of the conjugate gradients. `goes_on`: whether another direction is worth its product. `advance`: step length
+ * along a direction; 0 means no progress. `turned`: weight of the old direction in the next one. led: the first
+ * direction, which the held nodes prescribe, is taken with length 1. */
 static inline bool pliant_opened_goes_on(double norm, double first) { return norm > PLIANT_OPENED_ENOUGH * PLIANT_OPENED_ENOUGH * first; }
 static inline double pliant_opened_advance(bool led, double norm, double curvature)
 {
@@ -45,17 +49,19 @@ static inline double pliant_opened_advance(bool led, double norm, double curvatu
 }
 static inline double pliant_opened_turned(bool led, double norm, double before) { return led ? 0 : norm / before; }
 
-/* Of a way of this length [thousandths of the body's]: how much of it is gone, in so many parts. */
+/* Return the fraction of a step of this length [thousandths of the body's length] that is taken, and the number of
+ * parts. */
 static inline double pliant_opened_share(double length) { return fmin(1, PLIANT_OPENED_FARTHEST / length); }
 static inline int pliant_opened_parts(double length)
 {
     return (int)fmin(fmax(ceil(pliant_opened_share(length) * length / PLIANT_OPENED_STRAIGHT), 1), PLIANT_OPENED_PARTS);
 }
 
-/* Whether the slope is looked at where so much of it is gone. */
+/* Return whether the slope is checked after this fraction of the step. */
 static inline bool pliant_opened_doubts(double gone, double length) { return gone * length > PLIANT_OPENED_DOUBTED; }
 
-/* How much of a part is to be taken back, to where the potential energy is lowest: its slopes before and after, which is not above zero. */
+/* Return the length by which a part is shortened, to the minimum of the potential energy, from its slopes before and
+ * after the part. The slope after it is not positive. */
 static inline double pliant_opened_back(double part, double before, double after)
 {
     const double lowest = part * after / (after - before);

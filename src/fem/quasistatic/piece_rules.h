@@ -1,4 +1,4 @@
-/* What rigid pieces under points of contact answer (contact_pieces.c), as the CPU and the GPU have it. */
+/* Response of rigid pieces under contact points (contact_pieces.c), shared by CPU and GPU. */
 #ifndef PLIANT_FEM_QUASISTATIC_PIECE_RULES_H
 #define PLIANT_FEM_QUASISTATIC_PIECE_RULES_H
 
@@ -11,24 +11,27 @@
 extern "C" {
 #endif
 
-/* A rigid body while it touches something, through a step: a piece that has come off (fem/rigid), to first order around how far it has been seen to go;
- * or the proxy of a tool (sim/step/proxy.h), which gives way by its coupling alone, around where it shall go. */
+/* A rigid body in contact during a step. It is a detached piece (fem/rigid), linearized around its estimated motion, or
+ * the proxy of a tool (sim/step/proxy.h), linearized around its target. Only its coupling moves the proxy. */
 typedef struct pliant_touch_piece {
-    double centre[3];      /* of mass, as the step begins [m] */
-    double free[6];        /* how far it goes, and turns about its centre, if nothing touches it [m, rad] */
-    double ahead[6];       /* how far it has been seen to go, and turn: at first as far as `free` [m, rad] */
-    double answer[36];     /* what a force and a torque about its centre add to that [m/N, rad/(N m)] */
-    double young, size;    /* of its tissue [Pa], and the cube root of its volume [m]: by them what presses it gives way */
-    int32_t num_young;     /* tetrahedra that this is the mean of */
+    double centre[3];      /* centre of mass at the start of the step [m] */
+    double free[6];        /* translation, and rotation about the centre, without contact [m, rad] */
+    double ahead[6];       /* estimated translation and rotation; initially equal to `free` [m, rad] */
+    double answer[36];     /* motion per force and torque about the centre [m/N, rad/(N m)] */
+    double young, size;    /* Young's modulus of its tissue [Pa], and cube root of its volume [m]: they set the contact
+                            * compliance */
+    int32_t num_young;     /* number of tetrahedra in the mean of young */
 } pliant_touch_piece;
 
-/* What a point has of a piece: where its weights' nodes are, times the weights, from the piece's centre. */
+/* Relation of a contact point to a piece: positions of its nodes relative to the piece's centre, multiplied by the
+ * weights. */
 typedef struct pliant_touch_arm {
-    int32_t moving; /* which of the pieces that points are of */
+    int32_t moving; /* index of the piece */
     double weight, arm[3];
 } pliant_touch_arm;
 
-/* How far the point goes with the piece, along the axes of its frame: rows of a force and of a torque that turns it. */
+/* Compute the motion of the point with the piece along the axes of the point's frame: three rows for translation and
+ * rotation. */
 PLIANT_INLINE void pliant_arm_rows(const pliant_touch_arm *arm, const double frame[9], double rows[18])
 {
     for (int r = 0; r < 3; r++)
@@ -39,7 +42,7 @@ PLIANT_INLINE void pliant_arm_rows(const pliant_touch_arm *arm, const double fra
         }
 }
 
-/* load (6) += of a force in the point's frame on the piece */
+/* Add the force and torque of a force in the point's frame to load (6). */
 PLIANT_INLINE void pliant_arm_load(const pliant_touch_arm *arm, const double frame[9], const double force[3], double load[6])
 {
     double rows[18];
@@ -48,7 +51,7 @@ PLIANT_INLINE void pliant_arm_load(const pliant_touch_arm *arm, const double fra
         for (int k = 0; k < 6; k++) load[k] += rows[6 * r + k] * force[r];
 }
 
-/* motion (3) += of the point, in its frame, where the piece has moved so */
+/* Add the motion of the point in its frame to motion (3), for a given motion of the piece. */
 PLIANT_INLINE void pliant_arm_move(const pliant_touch_arm *arm, const double frame[9], const double moved[6], double motion[3])
 {
     double rows[18];
@@ -57,7 +60,7 @@ PLIANT_INLINE void pliant_arm_move(const pliant_touch_arm *arm, const double fra
         for (int k = 0; k < 6; k++) motion[r] += rows[6 * r + k] * moved[k];
 }
 
-/* How a piece moves under a load, from where the step begins: its own k'th number. */
+/* Return component k of the piece's motion under a load, relative to the start of the step. */
 PLIANT_INLINE double pliant_piece_moves(const pliant_touch_piece *piece, const double load[6], int k)
 {
     double moved = piece->free[k];
@@ -65,7 +68,8 @@ PLIANT_INLINE double pliant_piece_moves(const pliant_touch_piece *piece, const d
     return moved;
 }
 
-/* out += what the piece's turn ahead takes a point of it beyond w x r: (R(w) - I - [w]) r, by Rodrigues' formula */
+/* Add the nonlinear part of a point's motion under the estimated rotation w: (R(w) - I - [w]) r, by Rodrigues'
+ * formula. */
 PLIANT_INLINE void pliant_arm_bend(const pliant_touch_arm *arm, const pliant_touch_piece *piece, double out[3])
 {
     const double *w = piece->ahead + 3, *r = arm->arm, square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], angle = sqrt(square);
@@ -75,7 +79,7 @@ PLIANT_INLINE void pliant_arm_bend(const pliant_touch_arm *arm, const pliant_tou
     for (int d = 0; d < 3; d++) out[d] += s * once[d] + c * (w[(d + 1) % 3] * once[(d + 2) % 3] - w[(d + 2) % 3] * once[(d + 1) % 3]);
 }
 
-/* block (9) += of A of two points of one piece, in their frames */
+/* Add A of two points of one piece to block (9), in the points' frames. */
 PLIANT_INLINE void pliant_arms_answer(const pliant_touch_piece *piece, const pliant_touch_arm *a, const double frame_a[9], const pliant_touch_arm *b, const double frame_b[9],
                                       double block[9])
 {

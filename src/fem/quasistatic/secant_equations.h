@@ -1,5 +1,6 @@
-/* The weights of the secants (Walker and Ni 2011, 2.1): the normal equations, which of the secants have a part in them, and their solution, for the CPU and
- * for a warp of the GPU: so many lanes take the rows in turns, and the same is done in the same order whoever does it. */
+/* Weights of the secants (Walker and Ni 2011, 2.1): choice of the used secants, normal equations, and solution. The CPU
+ * runs this code with one lane, the GPU with a warp. The lanes divide the rows, and the order of operations is the same
+ * for any number of lanes. */
 #ifndef PLIANT_FEM_QUASISTATIC_SECANT_EQUATIONS_H
 #define PLIANT_FEM_QUASISTATIC_SECANT_EQUATIONS_H
 
@@ -12,16 +13,17 @@
 #define PLIANT_LANES_MEET() ((void)0)
 #endif
 
-enum { PLIANT_EQUATIONS_ROW = PLIANT_MAX_HISTORY + 1 }; /* an odd row: a GPU's memory banks */
+enum { PLIANT_EQUATIONS_ROW = PLIANT_MAX_HISTORY + 1 }; /* an odd number avoids bank conflicts on the GPU */
 
-/* Room, shared by the lanes. */
+/* Work arrays, shared by the lanes. */
 typedef struct pliant_secant_equations {
     int32_t used[PLIANT_MAX_HISTORY];
     double scale[PLIANT_MAX_HISTORY], diagonal[PLIANT_MAX_HISTORY], right[PLIANT_MAX_HISTORY];
     double matrix[PLIANT_MAX_HISTORY][PLIANT_EQUATIONS_ROW]; /* its lower triangle */
 } pliant_secant_equations;
 
-/* Places of the secants that are used, and how many. Secants differ in size by orders: they are scaled to a unit diagonal. */
+/* List the slots of the used secants and return their number. The sizes of secants differ by orders of magnitude, so
+ * they are scaled to a unit diagonal. */
 PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, double largest,
                                            pliant_secant_equations *equations)
 {
@@ -37,7 +39,7 @@ PLIANT_INLINE int32_t pliant_secant_choose(int32_t lane, int32_t lanes, const pl
     return count;
 }
 
-/* The equations of those, with a little regularization: as secants are not exact. */
+/* Fill the equations of the used secants. A small regularization represents the error of the secants. */
 PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, const double *along, bool estimates,
                                       int32_t count, pliant_secant_equations *equations)
 {
@@ -50,7 +52,8 @@ PLIANT_INLINE void pliant_secant_fill(int32_t lane, int32_t lanes, const pliant_
     PLIANT_LANES_MEET();
 }
 
-/* By Cholesky, column by column (Golub and Van Loan, 4.2). false: they are no products of any vectors, by rounding */
+/* Solve by Cholesky, column by column (Golub and Van Loan, 4.2). Return false if rounding has made the matrix
+ * indefinite. */
 PLIANT_INLINE bool pliant_secant_solve(int32_t lane, int32_t lanes, int32_t count, pliant_secant_equations *equations)
 {
     double(*matrix)[PLIANT_EQUATIONS_ROW] = equations->matrix, *right = equations->right;
@@ -83,10 +86,12 @@ PLIANT_INLINE bool pliant_secant_solve(int32_t lane, int32_t lanes, int32_t coun
     return true;
 }
 
-/* Weights that make a step smallest in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0; false: none, all 0.
- * @param gram  products of the secants' steps with their residuals, and of springs: (PLIANT_MAX_HISTORY) squared
- * @param along the same with the residual of the state
- * @param estimates for an estimate of what is left, not for a trial */
+/* Compute the weights that minimize a step in the energy norm: min |dx - sum w_i (secant of dx)_i|_K0. Return false,
+ * with zero weights, if there is no solution.
+ * @param gram       (PLIANT_MAX_HISTORY squared) products of the secants' steps with their residuals, and of the
+ *     springs.
+ * @param along      (PLIANT_MAX_HISTORY) the same products with the residual of the state.
+ * @param estimates  True: for an error estimate; false: for a trial. */
 PLIANT_INLINE bool pliant_secant_weights(int32_t lane, int32_t lanes, const pliant_anderson *rules, const double *gram, const double *along, bool estimates,
                                          pliant_secant_equations *equations, double *weights)
 {

@@ -1,4 +1,4 @@
-/* How the forces of a tool change with its pose, in the solver's last linearization. */
+/* Derivative of a tool's wrench with respect to its pose, in the solver's last linearization. */
 #ifndef PLIANT_FEM_QUASISTATIC_STIFFNESS_H
 #define PLIANT_FEM_QUASISTATIC_STIFFNESS_H
 
@@ -8,8 +8,10 @@
 extern "C" {
 #endif
 
-/* Of force and torque about the tip by translation and rotation vector of the tool; nothing held and touched: zeros.
- * known: false where the answers of what it holds are not there. Errors: MEMORY. */
+/* Compute the 6 x 6 derivative of force and torque about the tip with respect to translation and rotation vector of the
+ * tool. It is zero without grasp and contact.
+ * @param known  Out: false if the response of the grasped nodes is not available.
+ * Errors: MEMORY. */
 pliant_status pliant_solver_stiffness(const pliant_solver *solver, int tool, const double tip[3], double stiffness[36], bool *known);
 
 #ifdef __cplusplus
