@@ -361,7 +361,8 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
     }
 }
 
-/* dx_f/dx_c with the rotation kept: R N_c R', and, since the N of corners that are not held sum to the identity, nothing for c */
+/* dx_f/dx_c with the rotation kept: R N_c R', and, since the N of corners that are not held sum to the identity,
+ * nothing for c */
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense)
 {
     const pliant_macros *macros = system->macros;

@@ -1,4 +1,5 @@
-/* One macro-element (fem/system.h) at one state, for the CPU (macro.c) and for kernels (cuda/fem/element/macro.cu): the same lines for both. */
+/* One macro-element (fem/system.h) at one state, for the CPU (macro.c) and for kernels (cuda/fem/element/macro.cu): the
+ * same lines for both. */
 #ifndef PLIANT_FEM_ELEMENT_MACRO_ELEMENT_H
 #define PLIANT_FEM_ELEMENT_MACRO_ELEMENT_H
 

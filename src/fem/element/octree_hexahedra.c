@@ -1,11 +1,12 @@
-/* Hexahedra on the leaves of an octree. What lies in the middle of an edge or face of a larger leaf follows its corners (Hughes, The Finite Element
- * Method, 3.A), so that displacements are the same on both sides: u = C u_m, and an element with such corners has C'KC on the nodes that they
- * follow. These are eight again: a corner that follows is a middle of the cube twice the size that was split into this leaf and its seven brothers,
- * and follows the corners of that cube on this edge or face, of which one is opposite. None of them follows itself: a brother has it as its
- * corner, and would share an edge with a leaf four times its size.
+/* Hexahedra on the leaves of an octree. What lies in the middle of an edge or face of a larger leaf follows its corners
+ * (Hughes, The Finite Element Method, 3.A), so that displacements are the same on both sides: u = C u_m, and an element
+ * with such corners has C'KC on the nodes that they follow. These are eight again: a corner that follows is a middle of
+ * the cube twice the size that was split into this leaf and its seven brothers, and follows the corners of that cube on
+ * this edge or face, of which one is opposite. None of them follows itself: a brother has it as its corner, and would
+ * share an edge with a leaf four times its size.
  *
- * Leaves that a cut has parted are tetrahedra, whose corners follow nothing: so are larger leaves that have one of those corners in their middle, and what
- * would follow nodes that a cut has made two of. */
+ * Leaves that a cut has parted are tetrahedra, whose corners follow nothing: so are larger leaves that have one of
+ * those corners in their middle, and what would follow nodes that a cut has made two of. */
 #include "base/fail.h"
 #include "fem/element/hexahedra.h"
 #include "mesh/octree.h"
@@ -131,7 +132,8 @@ static void find_followers(leaves *work)
         }
 }
 
-/* The nodes that a leaf's corners follow, and C. Returns how many, more than eight: of nodes that a cut has made two of. */
+/* The nodes that a leaf's corners follow, and C. Returns how many, more than eight: of nodes that a cut has made two
+ * of. */
 static int followed(const leaves *work, int32_t leaf, int32_t node[CORNERS], double c[CORNERS][CORNERS])
 {
     const pliant_upsample *upsample = work->upsample;

@@ -36,7 +36,8 @@ static pliant_status find_corners(view *look)
     return status;
 }
 
-/* F at the middle of a hexahedron. Five tetrahedra of nearly incompressible tissue change their volumes against each other where the cube does not. */
+/* F at the middle of a hexahedron. Five tetrahedra of nearly incompressible tissue change their volumes against each
+ * other where the cube does not. */
 static void cube_deformation(const view *look, const int32_t node[8], double f[9])
 {
     const double middle[3] = {0.5, 0.5, 0.5};
@@ -76,8 +77,8 @@ static double von_mises(const double stress[6])
     return sqrt(1.5 * sum);
 }
 
-/* [C] 13, M = V / J, calls this a mass change ratio. With the volume of now for V it would be the rest volume, always; so it is read with
- * the rest volume: density over that at rest, times the rest volume. */
+/* [C] 13, M = V / J, calls this a mass change ratio. With the volume of now for V it would be the rest volume, always;
+ * so it is read with the rest volume: density over that at rest, times the rest volume. */
 static double mass_change(double volume, double ratio)
 {
     const double least = 1e-3; /* flat and inverted elements have none */
@@ -101,7 +102,8 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
 
 static const double least_part = 0.01; /* of an element is tissue: in less than that, what is not has a part in its moduli, too */
 
-/* Stress and energy density as the scene's elements have them. Explicit dynamics: of now, in world axes; otherwise in the element's axes. */
+/* Stress and energy density as the scene's elements have them. Explicit dynamics: of now, in world axes; otherwise in
+ * the element's axes. */
 static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material, double stress[6])
 {
     if (scene->solver.kind != PLIANT_TLED) return corotational(f, material, stress);
@@ -158,7 +160,8 @@ pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *b
     return status;
 }
 
-/* nodes by the bits of their corners to the order of VTK, whose hexahedra have their first four nodes below the last four */
+/* nodes by the bits of their corners to the order of VTK, whose hexahedra have their first four nodes below the last
+ * four */
 static void order_hexahedron(const pliant_mesh *mesh, const int32_t node[8], int32_t out[8])
 {
     static const int right_handed[8] = {0, 1, 3, 2, 4, 5, 7, 6}, left_handed[8] = {0, 2, 3, 1, 4, 6, 7, 5};

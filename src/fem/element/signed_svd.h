@@ -1,5 +1,5 @@
-/* The rotation of any deformation gradient, for the CPU (rotation.c) and for kernels (cuda/fem/element/rotation.cuh). Indices are known when it is
- * compiled, so that matrices stay in registers. Row-major 3 x 3. */
+/* The rotation of any deformation gradient, for the CPU (rotation.c) and for kernels (cuda/fem/element/rotation.cuh).
+ * Indices are known when it is compiled, so that matrices stay in registers. Row-major 3 x 3. */
 #ifndef PLIANT_FEM_ELEMENT_SIGNED_SVD_H
 #define PLIANT_FEM_ELEMENT_SIGNED_SVD_H
 
@@ -86,8 +86,8 @@ PLIANT_INLINE void pliant_orthogonal_to(const double *v, double *out)
     pliant_normalize(out);
 }
 
-/* F = U S V' with U and V rotations and the sign of det F on the smallest singular value (Irving et al. 2004); R = U V'.
- * The two larger directions are mapped, the third follows by the cross product: no division by a small one. */
+/* F = U S V' with U and V rotations and the sign of det F on the smallest singular value (Irving et al. 2004); R = U
+ * V'. The two larger directions are mapped, the third follows by the cross product: no division by a small one. */
 PLIANT_INLINE void pliant_signed_svd(const double *deformation, double *rotation)
 {
     double largest = 0, f[9], gram[9], v[9];

@@ -1,5 +1,5 @@
-/* One element's stress from H = F - I, in single precision; matrices are 9, row-major. mu and the moduli come times the rest volume, so
- * what is called stress here is rest volume times first Piola-Kirchhoff stress [N m]. */
+/* One element's stress from H = F - I, in single precision; matrices are 9, row-major. mu and the moduli come times the
+ * rest volume, so what is called stress here is rest volume times first Piola-Kirchhoff stress [N m]. */
 #ifndef PLIANT_FEM_ELEMENT_STRESS_H
 #define PLIANT_FEM_ELEMENT_STRESS_H
 
@@ -21,8 +21,8 @@ PLIANT_INLINE float pliant_change_of(const float h[9], float cofactor[9])
     return h[0] + h[4] + h[8] + (cofactor[0] + cofactor[4] + cofactor[8]) + third;
 }
 
-/* The same with the digits that single precision has not: where tissue turns it is a small difference of large numbers, and rounding leaves pressures
- * of 1 Pa in what is nearly incompressible. */
+/* The same with the digits that single precision has not: where tissue turns it is a small difference of large numbers,
+ * and rounding leaves pressures of 1 Pa in what is nearly incompressible. */
 PLIANT_INLINE double pliant_exact_change_of(const double h[9])
 {
     const double x = h[4] * h[8] - h[5] * h[7], y = h[5] * h[6] - h[3] * h[8], z = h[3] * h[7] - h[4] * h[6];
@@ -30,7 +30,8 @@ PLIANT_INLINE double pliant_exact_change_of(const double h[9])
     return h[0] + h[4] + h[8] + second + (h[0] * x + h[1] * y + h[2] * z);
 }
 
-/* Of one component u of a cube's corners, of which the first stands still: sum of its differences over the four edges along each axis. */
+/* Of one component u of a cube's corners, of which the first stands still: sum of its differences over the four edges
+ * along each axis. */
 PLIANT_INLINE void pliant_cube_differences(const double u[8], double along[3])
 {
     const double xy = u[3] - u[4], xz = u[5] - u[2], yz = u[6] - u[1]; /* diagonals */
@@ -69,8 +70,9 @@ PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float 
         }
 }
 
-/* Prony series, implicit in time (Taylor et al. 2009): what has relaxed, Y_i, goes towards its share of the instantaneous stress,
- * Y_i+ = (tau_i Y_i + dt share_i S) / (tau_i + dt) = Y_i + part (share_i S - Y_i), and S - sum of Y_i is felt. S: of the shear part. */
+/* Prony series, implicit in time (Taylor et al. 2009): what has relaxed, Y_i, goes towards its share of the
+ * instantaneous stress, Y_i+ = (tau_i Y_i + dt share_i S) / (tau_i + dt) = Y_i + part (share_i S - Y_i), and S - sum of
+ * Y_i is felt. S: of the shear part. */
 PLIANT_INLINE float pliant_prony_part(float dt, float tau) { return dt / (tau + dt); }
 
 /* S = F^-1 P: xx yy zz xy xz yz */
@@ -85,8 +87,9 @@ PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[
     s[5] = (cofactor[1] * p[2] + cofactor[4] * p[5] + cofactor[7] * p[8]) * inverse;
 }
 
-/* Kelvin and Voigt: the second Piola-Kirchhoff stress 2 factor mu dE beside the elastic one, dE the change of Green's strain by dF = change in the
- * last sub-step. factor: the time that damps over that of a sub-step. F dS is added to P. */
+/* Kelvin and Voigt: the second Piola-Kirchhoff stress 2 factor mu dE beside the elastic one, dE the change of
+ * Green's strain by dF = change in the last sub-step. factor: the time that damps over that of a sub-step. F dS is
+ * added to P. */
 PLIANT_INLINE void pliant_add_viscous(const float h[9], const float change[9], float mu, float factor, float p[9])
 {
     float s[9];

@@ -1,4 +1,5 @@
-/* Entries of an inverse: what unit forces at some unknowns move at each other. Kept from step to step while the same unknowns are asked for. */
+/* Entries of an inverse: what unit forces at some unknowns move at each other. Kept from step to step while the same
+ * unknowns are asked for. */
 #ifndef PLIANT_FEM_LINEAR_ANSWERS_H
 #define PLIANT_FEM_LINEAR_ANSWERS_H
 
@@ -24,8 +25,8 @@ pliant_status pliant_answers_create(int32_t num_free, pliant_answers *out);
 void pliant_answers_free(pliant_answers *answers);
 /* They are of a preconditioner before: nothing is known. */
 void pliant_answers_forget(pliant_answers *answers);
-/* Makes sure of these unknowns (all different), by the same preconditioner as before. factor: Nullable: its own, if that has panels.
- * Errors: MEMORY, NUMERIC. */
+/* Makes sure of these unknowns (all different), by the same preconditioner as before. factor: Nullable: its own, if
+ * that has panels. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_answers_find(pliant_answers *answers, pliant_preconditioner *preconditioner, pliant_factor *factor, int32_t count,
                                   const int32_t *unknown);
 static inline const double *pliant_answer(const pliant_answers *answers, int32_t a, int32_t b)

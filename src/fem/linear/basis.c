@@ -302,8 +302,8 @@ pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius,
     return size;
 }
 
-/* Numbers in a factor of K_pp, as its nodes^(4/3) (nested dissection), and what its ordering and its numbers take: of a factor of
- * tissue in all directions, an upper bound for others. Those of BLAS come faster than others. */
+/* Numbers in a factor of K_pp, as its nodes^(4/3) (nested dissection), and what its ordering and its numbers take: of a
+ * factor of tissue in all directions, an upper bound for others. Those of BLAS come faster than others. */
 static double factor_numbers(pliant_basis_size size) { return 45 * pow(size.own, 4.0 / 3); }
 
 static double factor_operations(pliant_basis_size size)
@@ -315,7 +315,8 @@ static double factor_operations(pliant_basis_size size)
 double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size)
 {
     double modes = (double)PLIANT_RESPONSE_MODES * size.blocks;
-    /* a product a mode, and for every two modes: a scalar product and, twice, a difference; then the reduction (reduction.c) */
+    /* a product a mode, and for every two modes: a scalar product and, twice, a difference; then the reduction
+     * (reduction.c) */
     double fields = 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
     double images = (pliant_reduction_element_operations(fine) / fine->num_free + 12 * modes) * modes * size.near;
     return fields + images + factor_operations(size) + 4 * modes * factor_numbers(size);

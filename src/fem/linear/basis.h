@@ -1,13 +1,13 @@
-/* A reduced basis: where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where the coarse model
- * has it:
+/* A reduced basis: where a patch's solution is looked for, on the fine mesh around what tools hold, relative to where
+ * the coarse model has it:
  *
  *   own      nodes within the patch's radius of a tool's hold: they move freely;
  *   modes    all nodes: a few fields that are the fine mesh's answer to forces on the holds (response.h).
  *
- * u = a + E q, a on the patch's own nodes. Galerkin: only the projections of the forces on these count. Elements within twice
- * the radius are corotational (the near part, a mesh of its own); beyond, the body answers linearly, by the reduced stiffness
- * A = E' K_far E. E is orthonormal on the near part's nodes that are not the patch's own: there a is zero, so that q = M'u with
- * M = E on those rows and zero elsewhere, and what lies beyond pulls with M A q.
+ * u = a + E q, a on the patch's own nodes. Galerkin: only the projections of the forces on these count. Elements within
+ * twice the radius are corotational (the near part, a mesh of its own); beyond, the body answers linearly, by the
+ * reduced stiffness A = E' K_far E. E is orthonormal on the near part's nodes that are not the patch's own: there a is
+ * zero, so that q = M'u with M = E on those rows and zero elsewhere, and what lies beyond pulls with M A q.
  *
  * What stands for the inverse stiffness is that of the basis: with own rows p,
  *     K_pp a + Q_p q = r_p,   Q_p' a + E'Q q = E'r,   Q = (K_near + M A M') E
@@ -75,7 +75,8 @@ typedef struct pliant_basis_size {
 } pliant_basis_size;
 pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius, int32_t num_footholds, const pliant_foothold *footholds,
                                        int32_t num_blocks);
-/* Floating-point operations of making it, with its first numbers; bytes of its fields on the fine mesh and of its factors. */
+/* Floating-point operations of making it, with its first numbers; bytes of its fields on the fine mesh and of its
+ * factors. */
 double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size);
 double pliant_basis_bytes(const pliant_system *fine, pliant_basis_size size);
 

@@ -115,7 +115,8 @@ static pliant_status open_closed(const pliant_system *system, const pliant_carri
     return status;
 }
 
-/* Corners of hexahedra and tetrahedra in cubes of the base that have other ones now, whole or in parts; not of tetrahedra where there was no hexahedron. */
+/* Corners of hexahedra and tetrahedra in cubes of the base that have other ones now, whole or in parts; not of
+ * tetrahedra where there was no hexahedron. */
 static pliant_status open_divided(const pliant_system *system, const uint8_t *cube, uint8_t *opened)
 {
     const pliant_macros *macros = system->macros;

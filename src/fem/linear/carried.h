@@ -1,11 +1,12 @@
 /* A preconditioner that is carried over to the next body, until there is one of its own.
  *
- * Of the body before there is V, nearly the inverse of its stiffness. Every unknown of the next body is a node of the body before or a
- * copy of one: with P, which gives copies what their sources have, P V P' answers to all loads as if the cut were still closed. What it
- * cannot see is mended around the cut, where S is the inverse of the stiffness with everything else held (subdomain.h):
+ * Of the body before there is V, nearly the inverse of its stiffness. Every unknown of the next body is a node of the
+ * body before or a copy of one: with P, which gives copies what their sources have, P V P' answers to all loads as if
+ * the cut were still closed. What it cannot see is mended around the cut, where S is the inverse of the stiffness with
+ * everything else held (subdomain.h):
  *     M^-1 = S + E P V P' E',  E = I - S K
- * an overlapping Schwarz method in its balanced form (Mandel 1993, Balancing domain decomposition, with the two parts' places changed):
- * both terms are symmetric and positive semidefinite, whatever V is, and their sum is definite. */
+ * an overlapping Schwarz method in its balanced form (Mandel 1993, Balancing domain decomposition, with the two parts'
+ * places changed): both terms are symmetric and positive semidefinite, whatever V is, and their sum is definite. */
 #ifndef PLIANT_FEM_LINEAR_CARRIED_H
 #define PLIANT_FEM_LINEAR_CARRIED_H
 
@@ -40,16 +41,19 @@ typedef struct pliant_carried_layout {
 pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_carried_layout *out);
 void pliant_carried_layout_free(pliant_carried_layout *layout);
 
-/* Which unknowns the base does not know as they are, opened: (num_free) out: their source is shared or missing, or another that was there is gone, as where a
- * cut was undone; and corners of hexahedra that have been divided since, into parts or tetrahedra, which are stiffer, or the other way round. Errors: MEMORY. */
+/* Which unknowns the base does not know as they are, opened: (num_free) out: their source is shared or missing, or
+ * another that was there is gone, as where a cut was undone; and corners of hexahedra that have been divided since,
+ * into parts or tetrahedra, which are stiffer, or the other way round. Errors: MEMORY. */
 pliant_status pliant_carried_opened(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened);
-/* source is taken over, also on an error; base is handed over later. positions: NULL: not mended yet. Errors: MEMORY, NUMERIC. */
+/* source is taken over, also on an error; base is handed over later. positions: NULL: not mended yet. Errors: MEMORY,
+ * NUMERIC. */
 pliant_status pliant_carried_create(const pliant_system *system, const pliant_discretization *of, const pliant_system *of_base, int32_t *source,
                                     const double *positions, const double *axes, pliant_carried **out);
 /* S, around what is opened, where there is none yet; before the first solve. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_carried_mend(const pliant_system *system, const double *positions, const double *axes, pliant_carried *carried);
 void pliant_carried_free(pliant_carried *carried); /* Nullable; its base is whose it is */
-/* M^-1 in two parts, between which whose the base is takes right to left = V right: S right, and P' E' right; then out = all + E P left. Errors: MEMORY. */
+/* M^-1 in two parts, between which whose the base is takes right to left = V right: S right, and P' E' right; then out
+ * = all + E P left. Errors: MEMORY. */
 pliant_status pliant_carried_restrict(pliant_carried *carried, const double *right);
 pliant_status pliant_carried_extend(pliant_carried *carried, double *out);
 

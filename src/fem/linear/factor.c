@@ -19,9 +19,9 @@ struct pliant_factor {
     pliant_reach reach;    /* of pliant_factor_reach; empty: never asked for */
 };
 
-/* CHOLMOD calls BLAS, from the stepping and from the factoring thread at once. OpenBLAS built for one thread is not safe
- * for that (results change from run to run): its calls are then made one at a time. Built for threads it is safe, and does
- * best with one each, since Pliant's own threads fill the machine. */
+/* CHOLMOD calls BLAS, from the stepping and from the factoring thread at once. OpenBLAS built for one thread is not
+ * safe for that (results change from run to run): its calls are then made one at a time. Built for threads it is safe,
+ * and does best with one each, since Pliant's own threads fill the machine. */
 extern int openblas_get_parallel(void) __attribute__((weak));
 extern void openblas_set_num_threads(int threads) __attribute__((weak));
 
@@ -131,8 +131,9 @@ static pliant_status order_as(pliant_factor *factor, const int32_t *order)
     return from_cholmod(factor, "symbolic factorization");
 }
 
-/* The better one of two orderings, as CHOLMOD chooses: minimum degree, and where that fills in much, METIS. METIS draws from C's
- * rand() and sets signal handlers of the process: two at a time would make other orderings from run to run, and leave its handlers. */
+/* The better one of two orderings, as CHOLMOD chooses: minimum degree, and where that fills in much, METIS. METIS draws
+ * from C's rand() and sets signal handlers of the process: two at a time would make other orderings from run to run,
+ * and leave its handlers. */
 static pliant_status find_order(pliant_factor *factor)
 {
     const double operations = 500, fill = 5; /* a number of the factor, a number of the matrix */
@@ -222,8 +223,8 @@ pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **o
     return PLIANT_OK;
 }
 
-/* CHOLMOD's supernodal factor is L L' and ends where a pivot is not positive; that of small matrices is L D L', which goes on: what it solves
- * is then no measure of a state. */
+/* CHOLMOD's supernodal factor is L L' and ends where a pivot is not positive; that of small matrices is L D L', which
+ * goes on: what it solves is then no measure of a state. */
 static bool is_positive(const cholmod_factor *l)
 {
     if (l->is_super || l->is_ll) return true;

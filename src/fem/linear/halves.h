@@ -1,4 +1,5 @@
-/* Half a solve at a node: Z = L^-1 of its three unit forces, which is zero but where the node is eliminated into. Since (L L')^-1 = L^-T L^-1,
+/* Half a solve at a node: Z = L^-1 of its three unit forces, which is zero but where the node is eliminated into. Since
+ * (L L')^-1 = L^-T L^-1,
  *     what forces at node b move at node a is Z_a' Z_b,    what a right side moves there Z_a' (L^-1 right),    and L^-1 of forces at a is Z_a f:
  * around the half solves that any solve makes, a few nodes cost their own products, no pass through the factor. */
 #ifndef PLIANT_FEM_LINEAR_HALVES_H

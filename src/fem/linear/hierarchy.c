@@ -90,7 +90,8 @@ static void find_holders(const pliant_system *fine, const pliant_grid_level *lev
     }
 }
 
-/* free nodes of the finer level to nodes of the coarser one; coarse nodes that no free node leans on do not take part */
+/* free nodes of the finer level to nodes of the coarser one; coarse nodes that no free node leans on do not take
+ * part */
 static pliant_status transfer(const pliant_system *fine, pliant_grid_level *level, pliant_grid_level *next)
 {
     size_t count = (size_t)fine->num_free, corners = (size_t)level->corners;
@@ -254,8 +255,8 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragment
 
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy)
 {
-    /* Galerkin products of 16 block pairs an element (of hexahedra twice 216, and their stiffness from its root), a dozen products with the
-     * matrix for its largest eigenvalue */
+    /* Galerkin products of 16 block pairs an element (of hexahedra twice 216, and their stiffness from its root), a
+     * dozen products with the matrix for its largest eigenvalue */
     double sum = pliant_factor_operations(hierarchy->factor);
     for (int l = 0; l + 1 < hierarchy->num_levels; l++) {
         const pliant_system *system = &hierarchy->level[l].system;

@@ -36,7 +36,8 @@ static inline int32_t pliant_level_elements(const pliant_system *system)
 }
 
 /* ---- interpolation.c */
-/* What a node of the finer level takes from the corners of a coarse element that holds it: out (corners); false, and nothing: it lies outside of the cube. */
+/* What a node of the finer level takes from the corners of a coarse element that holds it: out (corners); false, and
+ * nothing: it lies outside of the cube. */
 bool pliant_level_weights(const pliant_system *fine, const pliant_system *coarse, int32_t node, int32_t element, double *out);
 /* cube of the coarser lattice that a cell of the finer one lies in */
 int32_t pliant_coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t cell);
@@ -44,7 +45,8 @@ int32_t pliant_coarse_cell(const pliant_mesh *fine, const pliant_mesh *coarse, i
 /* ---- nested.c: where elements are fragments */
 /* A mesh for the first level of a graded system: places in the fine lattice. Errors: MEMORY. */
 pliant_status pliant_nested_places(pliant_grid_level *level);
-/* Elements and nodes of the next level, in a lattice of so many cells, without unknowns; and who is whose parent. Errors: MEMORY. */
+/* Elements and nodes of the next level, in a lattice of so many cells, without unknowns; and who is whose parent.
+ * Errors: MEMORY. */
 pliant_status pliant_nested_elements(const pliant_system *fine, const int32_t cells[3], pliant_grid_level *level, pliant_grid_level *next);
 
 #endif

@@ -1,4 +1,5 @@
-/* From a level of a hierarchy to the next coarser one: where its cells lie there, and what its nodes take from there. */
+/* From a level of a hierarchy to the next coarser one: where its cells lie there, and what its nodes take from
+ * there. */
 #include "fem/linear/hierarchy.h"
 
 #include <string.h>

@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a tenth
- * need the fewest evaluations for the time) */
+/* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a
+ * tenth need the fewest evaluations for the time) */
 enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
 /* corners of an element of the finest level, at most: beside a cut (coarse/graded.c) */
 enum { MOST_CORNERS = 64 };
@@ -250,7 +250,8 @@ static inline float4 load4(const float *from)
     return out;
 }
 
-/* rows [first, end) of right - A x, or A x without right; a block's columns are loaded with one number too many, which nothing looks at */
+/* rows [first, end) of right - A x, or A x without right; a block's columns are loaded with one number too many, which
+ * nothing looks at */
 PLIANT_VECTORIZED static void apply_rows(const int32_t *row_start, const int32_t *columns, const float *blocks, const float *right, const float *x,
                                          float *out, int32_t first, int32_t end)
 {

@@ -1,6 +1,7 @@
-/* One V-cycle of geometric multigrid as a preconditioner: Galerkin products with linear interpolation on nested lattices down
- * to a mesh that CHOLMOD factors in no time (NUMERICS 7.5: always the Galerkin product), Chebyshev smoothing with the inverted
- * diagonal blocks (Adams et al. 2003), the same before and after, so that the cycle is symmetric and positive definite.
+/* One V-cycle of geometric multigrid as a preconditioner: Galerkin products with linear interpolation on nested
+ * lattices down to a mesh that CHOLMOD factors in no time (NUMERICS 7.5: always the Galerkin product), Chebyshev
+ * smoothing with the inverted diagonal blocks (Adams et al. 2003), the same before and after, so that the cycle is
+ * symmetric and positive definite.
  *
  * The hierarchy (meshes, transfer, patterns) is built once and shared; a multigrid holds the numbers of one state. */
 #ifndef PLIANT_FEM_LINEAR_MULTIGRID_H
@@ -15,9 +16,9 @@ extern "C" {
 typedef struct pliant_hierarchy pliant_hierarchy;
 typedef struct pliant_multigrid pliant_multigrid;
 
-/* fragments: where cuts have gone, every level has what they have parted apart (nested.c); else all levels but the first are as before them.
- * largest_direct: free nodes that the coarsest level may have, if the lattice can be halved (or thirded ...) that far.
- * *out is NULL when it cannot be coarsened at all. Errors: MEMORY. */
+/* fragments: where cuts have gone, every level has what they have parted apart (nested.c); else all levels but the
+ * first are as before them. largest_direct: free nodes that the coarsest level may have, if the lattice can be halved
+ * (or thirded ...) that far. *out is NULL when it cannot be coarsened at all. Errors: MEMORY. */
 pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragments, int32_t largest_direct, pliant_hierarchy **out);
 pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy); /* one more holder, from any thread */
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy); /* one less; Nullable */
@@ -36,8 +37,9 @@ pliant_status pliant_multigrid_copy(pliant_multigrid *to, const pliant_multigrid
 /* out = M^-1 right, (3 num_free). */
 pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *right, double *out);
 
-/* Numbers of a level above the coarsest, for backends: blocks by full rows (hierarchy.h) of 9, each by columns, inverted diagonal blocks
- * (num_free x 9), largest eigenvalue of inverse times matrix; and the coarsest matrix (pattern.num_values). */
+/* Numbers of a level above the coarsest, for backends: blocks by full rows (hierarchy.h) of 9, each by columns,
+ * inverted diagonal blocks (num_free x 9), largest eigenvalue of inverse times matrix; and the coarsest matrix
+ * (pattern.num_values). */
 void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const float **blocks, const float **inverse, double *largest);
 const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid);
 

@@ -1,6 +1,7 @@
-/* Levels whose elements are fragments. Elements of a level that lie in one cube of the next are one element there if they hang together through nodes that
- * move, else several; such elements share the nodes at the corners that their common nodes lean on, and no others (virtual nodes: Molino, Bao, Fedkiw 2004, on
- * every level). What a cut has parted is apart on all of them. */
+/* Levels whose elements are fragments. Elements of a level that lie in one cube of the next are one element there if
+ * they hang together through nodes that move, else several; such elements share the nodes at the corners that their
+ * common nodes lean on, and no others (virtual nodes: Molino, Bao, Fedkiw 2004, on every level). What a cut has parted
+ * is apart on all of them. */
 #include "fem/linear/hierarchy.h"
 
 #include "base/fail.h"
@@ -47,7 +48,8 @@ pliant_status pliant_nested_places(pliant_grid_level *level)
     return PLIANT_OK;
 }
 
-/* parent: in: (elements) the cell of each in the next lattice; out: its component there, or -1 where nothing of it moves */
+/* parent: in: (elements) the cell of each in the next lattice; out: its component there, or -1 where nothing of it
+ * moves */
 static int32_t find_components(const pliant_system *fine, int32_t *parent, int32_t *component)
 {
     const int32_t elements = pliant_level_elements(fine), *nodes = pliant_element_nodes(fine);
@@ -102,7 +104,8 @@ static int32_t place_of(const int32_t cells[3], int32_t cell, int corner)
     return i + (cells[0] + 1) * (j + (cells[1] + 1) * k);
 }
 
-/* Corners that one node leans on in several elements are the same nodes. node: (8 a element) which of them it is the same as */
+/* Corners that one node leans on in several elements are the same nodes. node: (8 a element) which of them it is the
+ * same as */
 static void share_corners(const pliant_system *fine, const pliant_grid_level *level, const pliant_grid_level *next, int32_t *node)
 {
     const int32_t *cells = next->mesh.cells;

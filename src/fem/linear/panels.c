@@ -57,7 +57,8 @@ static inline __attribute__((always_inline)) double product(int count, const flo
     return rest;
 }
 
-/* y: the supernode's own unknowns, then the rows below: L y_own = y_own, y_below -= L_below y_own; four columns at a time below */
+/* y: the supernode's own unknowns, then the rows below: L y_own = y_own, y_below -= L_below y_own; four columns at a
+ * time below */
 PLIANT_VECTORIZED static void forward(int columns, int rows, const float *panel, double *y)
 {
     for (int c = 0; c < columns; c++) {

@@ -1,5 +1,5 @@
-/* A supernodal Cholesky factor kept in single precision, for preconditioning: half the memory to read, which is what the two
- * triangular solves wait for. Sums are in double precision. */
+/* A supernodal Cholesky factor kept in single precision, for preconditioning: half the memory to read, which is what
+ * the two triangular solves wait for. Sums are in double precision. */
 #ifndef PLIANT_FEM_LINEAR_PANELS_H
 #define PLIANT_FEM_LINEAR_PANELS_H
 
@@ -8,16 +8,16 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* A factor as CHOLMOD lays it out: supernode s has columns first[s] .. first[s + 1], rows row[row_start[s]] .. (its own columns
- * first), and a panel of them by columns at value[value_start[s]]. Borrowed. */
+/* A factor as CHOLMOD lays it out: supernode s has columns first[s] .. first[s + 1], rows row[row_start[s]] .. (its own
+ * columns first), and a panel of them by columns at value[value_start[s]]. Borrowed. */
 typedef struct pliant_supernodes {
     int32_t count;
     const int *first, *row_start, *value_start, *row, *permutation;
     const double *value;
 } pliant_supernodes;
 
-/* Supernodes that some unknowns stand in, and all that these are eliminated into: what is solved for at those unknowns alone goes through no others
- * (Liu, SIAM J. Matrix Anal. Appl. 11:134, 1990). */
+/* Supernodes that some unknowns stand in, and all that these are eliminated into: what is solved for at those unknowns
+ * alone goes through no others (Liu, SIAM J. Matrix Anal. Appl. 11:134, 1990). */
 typedef struct pliant_reach {
     int32_t *above;     /* (supernodes) that one is eliminated into, or -1; it has the higher number */
     int32_t *length;    /* (supernodes) unknowns of it and of all that it is eliminated into */
@@ -46,10 +46,12 @@ void pliant_panels_free(pliant_panels *panels);
 pliant_status pliant_reach_create(const pliant_supernodes *of, int32_t size, pliant_reach *out);
 void pliant_reach_free(pliant_reach *reach);
 void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t count, const int32_t *nodes);
-/* The same solve in two parts. The first gives out at the nodes of the reach; then right may still change there, by more (Nullable), before the second. */
+/* The same solve in two parts. The first gives out at the nodes of the reach; then right may still change there, by
+ * more (Nullable), before the second. */
 void pliant_panels_begin(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *right, double *out);
 void pliant_panels_end(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t size, const double *more, double *out);
-/* Likewise, where between the two all that is asked of the first is x, L^-1 right in the order of elimination, and more is added to that (halves.h). */
+/* Likewise, where between the two all that is asked of the first is x, L^-1 right in the order of elimination, and more
+ * is added to that (halves.h). */
 void pliant_panels_begin_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, const double *right);
 void pliant_panels_end_half(pliant_panels *panels, const pliant_supernodes *of, int32_t size, double *out);
 /* through one supernode: x there is what L^-1 makes of it, x at rows below follows */

@@ -7,10 +7,11 @@
 
 #include <string.h>
 
-/* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget, bench_elements); a factor of
- * hexahedra has twice the numbers (NUMERICS 5). */
+/* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget,
+ * bench_elements); a factor of hexahedra has twice the numbers (NUMERICS 5). */
 enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 4000, COARSEST = 1000 };
-/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS 10); and how many times fewer unknowns a factor near cuts has. */
+/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS 10); and how
+ * many times fewer unknowns a factor near cuts has. */
 enum { COARSEST_OF_FRAGMENTS = 8000, FEWER_NEAR = 4 };
 
 struct pliant_preconditioner {
@@ -35,8 +36,9 @@ static pliant_status create_direct(pliant_preconditioner *preconditioner, const 
 
 static bool has_fragments(const pliant_system *system) { return system->graded || system->divided; }
 
-/* How many rings of elements around what is opened: beside coarse elements, which have a factor otherwise, as far as a coarse cube is wide; on the fine mesh one, unless even
- * that is more than a part of all unknowns, whose factor takes longer than the V-cycle. 0: none */
+/* How many rings of elements around what is opened: beside coarse elements, which have a factor otherwise, as far as a
+ * coarse cube is wide; on the fine mesh one, unless even that is more than a part of all unknowns, whose factor takes
+ * longer than the V-cycle. 0: none */
 static pliant_status find_rings(const pliant_system *system, const uint8_t *opened, int32_t *rings)
 {
     *rings = 1;
@@ -54,8 +56,8 @@ static pliant_status find_rings(const pliant_system *system, const uint8_t *open
     return status;
 }
 
-/* Fragments as thin as a node are not smoothed, and a cube of the next level has no tip of a cut in it: there the inverse of the stiffness is part of the V-cycle, as it
- * is of what is carried over (carried.h). */
+/* Fragments as thin as a node are not smoothed, and a cube of the next level has no tip of a cut in it: there the
+ * inverse of the stiffness is part of the V-cycle, as it is of what is carried over (carried.h). */
 static pliant_status create_near(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;

@@ -75,8 +75,8 @@ void pliant_linearized_product(pliant_linearized *linearized, const double *v, d
     for (size_t i = 0; i < n; i++) out[i] = (out[i] - minus[i]) / (2 * step);
 }
 
-/* K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). A direction without stiffness ends it: the
- * state need not be one of equilibrium. work: (5 x n) */
+/* K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). A direction without stiffness ends
+ * it: the state need not be one of equilibrium. work: (5 x n) */
 static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right, double *work,
                            double *v)
 {
@@ -193,14 +193,16 @@ pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_prec
 
 double pliant_response_force_operations(const pliant_system *system)
 {
-    /* turning an element, its stiffness, and back, LANES at a time: what it takes of a scalar rate; of a hexahedron some four times as much */
+    /* turning an element, its stiffness, and back, LANES at a time: what it takes of a scalar rate; of a hexahedron
+     * some four times as much */
     const double one = system->macros ? 600 : 150;
     return one * pliant_element_count(system);
 }
 
 double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions)
 {
-    /* products in a solve by the factor at rest, which is exact there; a multigrid's count has as many cycles already */
+    /* products in a solve by the factor at rest, which is exact there; a multigrid's count has as many cycles
+     * already */
     const double moved = 1e-4; /* of a cell */
     bool direct = pliant_preconditioner_refuses(preconditioner), rests = true;
     for (int32_t v = 0; v < 3 * system->mesh->num_nodes && rests; v++)

@@ -113,7 +113,8 @@ static pliant_status number_inner(const builder *build)
     return status;
 }
 
-/* What is cut off but for a hinge moves without force: the smallest part of the stiffness holds it where the factor fails. */
+/* What is cut off but for a hinge moves without force: the smallest part of the stiffness holds it where the factor
+ * fails. */
 static pliant_status factorize(pliant_subdomain *made)
 {
     const pliant_pattern *pattern = &made->system.pattern;

@@ -188,7 +188,8 @@ static void start_at(const pliant_data *data, pliant_basis *basis, double *room,
     pliant_basis_project(basis, x);
 }
 
-/* The new basis takes over where the old one was, if it holds all that the old one still does; else it begins at the base. */
+/* The new basis takes over where the old one was, if it holds all that the old one still does; else it begins at the
+ * base. */
 static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;

@@ -1,5 +1,6 @@
-/* Patches and contact. A tool whose shape presses gets a patch as one that holds does, around where it presses: what stands for its hold is how its force
- * was spread when the patch was asked for. Points whose nodes the patch moves freely are solved in it; all others push the coarse model. */
+/* Patches and contact. A tool whose shape presses gets a patch as one that holds does, around where it presses: what
+ * stands for its hold is how its force was spread when the patch was asked for. Points whose nodes the patch moves
+ * freely are solved in it; all others push the coarse model. */
 #include "base/fail.h"
 #include "contact/detect/find.h"
 #include "fem/patch/patch_job.h"

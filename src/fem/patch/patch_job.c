@@ -31,8 +31,8 @@ static const pliant_discretization *at_rest_of(const pliant_discretization *disc
     return discretization->fine_system->preconditioner ? discretization : discretization->first;
 }
 
-/* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a rate that a
- * core of today has, so that the answer is the same everywhere and the step seldom waits. */
+/* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a
+ * rate that a core of today has, so that the answer is the same everywhere and the step seldom waits. */
 static int32_t delay_of(const pliant_patch *patch, int missing, int all)
 {
     const double rate = 2e9;

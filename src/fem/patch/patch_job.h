@@ -14,8 +14,8 @@ typedef struct patch_hold {
     pliant_foothold foothold;
 } patch_hold;
 
-/* The responses to them: of a hold alone at [t][t], of two together at [t][u], t < u (response.h). NULL: not known, or too far
- * from each other to matter. */
+/* The responses to them: of a hold alone at [t][t], of two together at [t][u], t < u (response.h). NULL: not known, or
+ * too far from each other to matter. */
 typedef double *patch_blocks[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS];
 
 /* What is being made in the background. */

@@ -21,7 +21,8 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->clock_user = from->clock_user;
 }
 
-/* What an element was at the preconditioner's state, V mu F0; where its stiffness is another now, its weight changes. */
+/* What an element was at the preconditioner's state, V mu F0; where its stiffness is another now, its weight
+ * changes. */
 static float weigh_again(float before, double was, double now) { return now == was ? before : was > 0 ? (float)(now / was * before) : 0; }
 
 static void carry_tets_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
@@ -52,7 +53,8 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
     return status;
 }
 
-/* Beside a cut through coarse elements: every element as the first one that its cube had before, at rest where it had none. Errors: MEMORY. */
+/* Beside a cut through coarse elements: every element as the first one that its cube had before, at rest where it had
+ * none. Errors: MEMORY. */
 static pliant_status carry_before_by_cell(const pliant_system *system, const pliant_solver *from, pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
@@ -107,7 +109,8 @@ static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from
     return PLIANT_OK;
 }
 
-/* (num_free) unknown of the system that the preconditioner at hand, or its base, is of; same: nodes that take after their own number */
+/* (num_free) unknown of the system that the preconditioner at hand, or its base, is of; same: nodes that take after
+ * their own number */
 static int32_t *sources_of(const pliant_system *system, const pliant_solver *from, const int32_t *node, int32_t same)
 {
     const pliant_system *before = from->system;

@@ -1,5 +1,5 @@
-/* How a step begins: whether there is anything to do, whether the axes of the nodes turn with the tissue, and what is known of its first state. What
- * follows from that is done by the backend that steps; the rules are these for all. */
+/* How a step begins: whether there is anything to do, whether the axes of the nodes turn with the tissue, and what is
+ * known of its first state. What follows from that is done by the backend that steps; the rules are these for all. */
 #include "fem/quasistatic/solver.h"
 
 #include <string.h>
@@ -28,8 +28,9 @@ bool pliant_solver_rests(const pliant_solver *solver)
     return same;
 }
 
-/* Responses to springs hold for the axes that they were found in, and homogenized elements have but a rough notion of these: there the axes wait for the
- * next preconditioner, or turn where the one at hand has served badly and none will come. Secants that hold such responses are forgotten then. */
+/* Responses to springs hold for the axes that they were found in, and homogenized elements have but a rough notion of
+ * these: there the axes wait for the next preconditioner, or turn where the one at hand has served badly and none will
+ * come. Secants that hold such responses are forgotten then. */
 pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use *in_use, uint64_t step)
 {
     const uint64_t interval = (uint64_t)solver->refresh_interval;
@@ -62,8 +63,9 @@ pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
-/* Where the first state is found to be the last one, springs pull as that state has it, with l + dl, whatever they pulled with before: at rest in the pull of
- * a spring that is thought to have none, no node has anywhere to go. The step is the same with these forces, what the preconditioner was asked is not. */
+/* Where the first state is found to be the last one, springs pull as that state has it, with l + dl, whatever they
+ * pulled with before: at rest in the pull of a spring that is thought to have none, no node has anywhere to go. The
+ * step is the same with these forces, what the preconditioner was asked is not. */
 static bool take_forces(pliant_solver *solver, const pliant_anderson *rules, const double *step_force)
 {
     bool other = false;

@@ -1,11 +1,13 @@
 /* How far a step still is from where it would converge to: the largest error of a node [m].
  *
- * The mixed step of Anderson's method is the best guess of the error of an evaluated state. Of what the secants do not explain, every
- * evaluation leaves a part c; corrections of it are a geometric series (Aitken), so that it counts 1 / (1 - c) times (anderson.h).
+ * The mixed step of Anderson's method is the best guess of the error of an evaluated state. Of what the secants do not
+ * explain, every evaluation leaves a part c; corrections of it are a geometric series (Aitken), so that it counts 1 /
+ * (1 - c) times (anderson.h).
  *
- * The state that a step ends with was most often reached blindly. It is what the next step begins with, under other loads: its elastic
- * forces stay what they are, and so does what the preconditioner makes of them where no load has changed but the tools' targets. So the
- * evaluation is done at the end of a step in place of the beginning of the next one, and the step can tell how good its end is. */
+ * The state that a step ends with was most often reached blindly. It is what the next step begins with, under other
+ * loads: its elastic forces stay what they are, and so does what the preconditioner makes of them where no load has
+ * changed but the tools' targets. So the evaluation is done at the end of a step in place of the beginning of the next
+ * one, and the step can tell how good its end is. */
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"

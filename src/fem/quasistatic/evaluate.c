@@ -23,8 +23,8 @@ double pliant_solver_product(const pliant_solver *solver, const double *a, const
     return sum;
 }
 
-/* From loads and tools' forces in residual and elastic forces: the residual, in the nodes' own axes, the load's norm, and how far nodes are
- * from rest. */
+/* From loads and tools' forces in residual and elastic forces: the residual, in the nodes' own axes, the load's norm,
+ * and how far nodes are from rest. */
 static void find_residual(const pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;

@@ -101,7 +101,8 @@ void pliant_solver_turned(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_handle_turn(solver->handles + t, solver->rotations);
 }
 
-/* W where the fine nodes are solved themselves: by unknown, each once. A node's weight is a multiple of the unit matrix. */
+/* W where the fine nodes are solved themselves: by unknown, each once. A node's weight is a multiple of the unit
+ * matrix. */
 typedef struct held_unknown {
     int32_t unknown, order;
     double weight;

@@ -1,8 +1,9 @@
-/* The first step after a cut. What is carried over from the body before is nearly the inverse of the stiffness but for how easily parts turn about
- * what the cut has left, and Anderson's method, whose secants are of states far apart, takes long to find that out (NUMERICS 10). So the step begins
- * with Newton's: tangent products, by differences of forces, in conjugate gradients (Golub and Van Loan, 11.5). It is gone along arcs, in axes that turn
- * with the tissue (modal warping: Choi and Ko, IEEE TVCG 11:91, 2005): on straight lines, what turns is stretched, and no measure of the residual would
- * take it. Whether it is good, the step's first evaluation tells, as of a blind step. */
+/* The first step after a cut. What is carried over from the body before is nearly the inverse of the stiffness but for
+ * how easily parts turn about what the cut has left, and Anderson's method, whose secants are of states far apart,
+ * takes long to find that out (NUMERICS 10). So the step begins with Newton's: tangent products, by differences of
+ * forces, in conjugate gradients (Golub and Van Loan, 11.5). It is gone along arcs, in axes that turn with the tissue
+ * (modal warping: Choi and Ko, IEEE TVCG 11:91, 2005): on straight lines, what turns is stretched, and no measure of
+ * the residual would take it. Whether it is good, the step's first evaluation tells, as of a blind step. */
 #include "base/fail.h"
 #include "fem/quasistatic/held.h"
 #include "fem/quasistatic/opened_rules.h"
@@ -91,7 +92,8 @@ static pliant_status begin(const pliant_solver *solver, newton_step *found, bool
     return PLIANT_OK;
 }
 
-/* Whether what holds has moved since the last step: the first direction goes with it then, and is to be gone as it is. */
+/* Whether what holds has moved since the last step: the first direction goes with it then, and is to be gone as it
+ * is. */
 static bool is_led(const pliant_solver *solver, const newton_step *found)
 {
     const double hardly = PLIANT_OPENED_HARDLY * longest(solver, found->along);
@@ -197,7 +199,8 @@ static void turned(pliant_solver *solver)
     if (solver->touches) pliant_answers_forget(&solver->touches->answers);
 }
 
-/* What is kept of answers of the preconditioner is anew in axes that have turned. Errors: the state is that before the step, and axes are of it. */
+/* What is kept of answers of the preconditioner is anew in axes that have turned. Errors: the state is that before the
+ * step, and axes are of it. */
 static pliant_status respond_in_axes(pliant_solver *solver)
 {
     if (!solver->rotations) return PLIANT_OK;

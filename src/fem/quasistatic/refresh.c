@@ -1,13 +1,15 @@
-/* New factors in the background: started from the state of one step, put to use a fixed number of steps later, whether the
- * other thread was fast or not, so that timing never changes results; or as background.h says.
+/* New factors in the background: started from the state of one step, put to use a fixed number of steps later, whether
+ * the other thread was fast or not, so that timing never changes results; or as background.h says.
  *
- * Steps of the history belong to the factor that made them. They are made anew in the background, too: a second stay in the thread, on the
- * secants that the solver has when the factor is there. Where springs pull, secants are given up: what they learned with the factor before
- * holds the new one back (NUMERICS 13). Their responses are found there in live steps, which are not to take longer than others.
+ * Steps of the history belong to the factor that made them. They are made anew in the background, too: a second stay in
+ * the thread, on the secants that the solver has when the factor is there. Where springs pull, secants are given up:
+ * what they learned with the factor before holds the new one back (NUMERICS 13). Their responses are found there in
+ * live steps, which are not to take longer than others.
  *
- * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their sources. What is being
- * made for a body when the next one comes is of use all the same: it becomes the base of what is carried over (carried.h). The thread
- * reads what it began with, which is retained; no step waits for it, but one that is stuck. */
+ * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their
+ * sources. What is being made for a body when the next one comes is of use all the same: it becomes the base of what is
+ * carried over (carried.h). The thread reads what it began with, which is retained; no step waits for it, but one that
+ * is stuck. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -73,7 +75,8 @@ static void make_factor(pliant_refresh *refresh)
 {
     const bool first_of_all = !refresh->preconditioner && !refresh->system.preconditioner;
     if ((refresh->status = make_ready(refresh)) != PLIANT_OK) return;
-    /* the exact tangent where it is found to be positive definite, as it is near a state that lasts; where no factor can be had, the old one does */
+    /* the exact tangent where it is found to be positive definite, as it is near a state that lasts; where no factor
+     * can be had, the old one does */
     pliant_fail_quietly(true);
     int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {

@@ -40,7 +40,8 @@ static int32_t affordable(const pliant_solver *solver, const step_time *time, do
     return pliant_solver_affordable(solver, time->start, now, each);
 }
 
-/* how the potential energy changes along the trial's step where it ends; springs and contacts have no part in it: where there are some, 0 */
+/* how the potential energy changes along the trial's step where it ends; springs and contacts have no part in it: where
+ * there are some, 0 */
 static double slope_of(const pliant_solver *solver)
 {
     if (pliant_touches_any(solver->touches)) return 0;
@@ -127,8 +128,8 @@ static bool evaluate_end(pliant_solver *solver)
     return good;
 }
 
-/* The state that the step ends with (estimate.c), and what the step has to say of the one before. Around a patch more changes than its loads:
- * what is found here is of no use to the next step. */
+/* The state that the step ends with (estimate.c), and what the step has to say of the one before. Around a patch more
+ * changes than its loads: what is found here is of no use to the next step. */
 static void look_at_end(pliant_solver *solver, step_time *time)
 {
     const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->posterior.seen;
@@ -194,7 +195,8 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     return status;
 }
 
-/* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its own */
+/* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its
+ * own */
 static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
 {
     statistics->residual = solver->rules.merit / solver->now.scale;

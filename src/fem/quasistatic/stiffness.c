@@ -1,6 +1,7 @@
-/* Rows W of a step: three for every spring, and for every point that presses its normal and, while it sticks, its tangents. Their motion by
- * the forces on them is A = c I + W K^-1 W' (c of springs alone), which the step has made. A tool that moves by m, translation and rotation
- * vector about its tip, moves the rows' targets by G m: forces change by A^-1 G m, its wrench by G' A^-1 G m. */
+/* Rows W of a step: three for every spring, and for every point that presses its normal and, while it sticks, its
+ * tangents. Their motion by the forces on them is A = c I + W K^-1 W' (c of springs alone), which the step has made. A
+ * tool that moves by m, translation and rotation vector about its tip, moves the rows' targets by G m: forces change by
+ * A^-1 G m, its wrench by G' A^-1 G m. */
 #include "fem/quasistatic/stiffness.h"
 
 #include "base/fail.h"

@@ -231,8 +231,8 @@ static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *
 
 /* ---- a step of a piece */
 
-/* arms: its nodes from the centre; those that may get to a wall in this step also to near_walls. Returns how many; reach: of the node that is
- * farthest out [m] */
+/* arms: its nodes from the centre; those that may get to a wall in this step also to near_walls. Returns how many;
+ * reach: of the node that is farthest out [m] */
 static int32_t list_arms(const pliant_falling *falling, int32_t p, const pliant_rigid *body, double way, double *reach)
 {
     const pliant_pieces *pieces = falling->body->pieces;

@@ -324,7 +324,8 @@ bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time,
     double parts = fmax(1, ceil(sqrt(dot(spin, spin)) * time / largest));
     if (num_pulls > 0 || around->num_points > 0) parts = fmax(parts, ceil(time / longest - 1e-9));
     const int count = (int)fmin(parts, MOST_SUBSTEPS);
-    /* what hangs does not move: its velocity is that of the middle of sub-steps, in which springs balance all of the weight */
+    /* what hangs does not move: its velocity is that of the middle of sub-steps, in which springs balance all of the
+     * weight */
     const double ahead = num_pulls > 0 ? 0.5 * time / count : 0;
     for (int d = 0; d < 3; d++) body->velocity[d] += ahead * gravity[d];
     for (int s = 0; s < count; s++)

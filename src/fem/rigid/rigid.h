@@ -1,9 +1,10 @@
 /* A rigid body through a step: it flies, is pulled at points, and lies on walls.
  *
- * Velocity Verlet for the centre, exact under gravity; the implicit midpoint rule for the turning, which keeps the angular momentum and,
- * without torques, the energy (Hairer, Lubich and Wanner, Geometric Numerical Integration, VII.5). Springs act at the end of a sub-step:
- * any stiffness is stable. Walls take impulses at the points that would go through them, with Coulomb's friction, by Gauss and Seidel's
- * iteration (Catto, Iterative dynamics with temporal coherence, 2005). */
+ * Velocity Verlet for the centre, exact under gravity; the implicit midpoint rule for the turning, which keeps the
+ * angular momentum and, without torques, the energy (Hairer, Lubich and Wanner, Geometric Numerical Integration,
+ * VII.5). Springs act at the end of a sub-step: any stiffness is stable. Walls take impulses at the points that would
+ * go through them, with Coulomb's friction, by Gauss and Seidel's iteration (Catto, Iterative dynamics with temporal
+ * coherence, 2005). */
 #ifndef PLIANT_FEM_FALLING_RIGID_H
 #define PLIANT_FEM_FALLING_RIGID_H
 
@@ -48,7 +49,8 @@ bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time,
 void pliant_rigid_turn(const double angle[3], const double m[9], double out[9]);
 
 enum { PLIANT_RIGID_DIRECTIONS = 8 };
-/* Of points before a wall those that carry a body as well as all do: the one that is nearest to it or deepest in it, and those farthest out along it. */
+/* Of points before a wall those that carry a body as well as all do: the one that is nearest to it or deepest in it,
+ * and those farthest out along it. */
 typedef struct pliant_rigid_choice {
     double side[3], up[3], most[PLIANT_RIGID_DIRECTIONS + 1];
     int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1]; /* -1: none */

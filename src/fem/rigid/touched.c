@@ -27,7 +27,8 @@ static void add_load(const double arm[3], const double force[3], double load[6])
     }
 }
 
-/* of a pull as a spring, and what it pulls with before the body moves; a rigid one is a thousand times as stiff as what it holds is inert */
+/* of a pull as a spring, and what it pulls with before the body moves; a rigid one is a thousand times as stiff as what
+ * it holds is inert */
 static double stiffness_of(const pliant_rigid_pull *pull, const pliant_rigid *body, double step, double force[3])
 {
     const double spring = pull->compliance > 0 ? 1 / pull->compliance : 1e3 * body->mass / (step * step), damper = pull->compliance > 0 ? pull->damping / step : 0;
@@ -209,9 +210,10 @@ static double cross_length(const double *a, const double *b, const double *c, do
     return sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
 }
 
-/* A surface triangle supports the piece if it lies at most 1 mm above the node that is nearest to the wall. Its area at rest counts times the cosine of its
- * angle to the wall. Each node gives a third of this area to the nearest contact point.
- * @param area (count) out [m^2] */
+/* A surface triangle supports the piece if it lies at most 1 mm above the node that is nearest to the wall. Its area at
+ * rest counts times the cosine of its angle to the wall. Each node gives a third of this area to the nearest contact
+ * point.
+ * @param area (count) out [m^2]. */
 static void share_areas(const pliant_falling *falling, int32_t p, const pliant_wall *wall, int count, const int32_t *chosen, double *area)
 {
     const double margin = 1e-3; /* [m] */
@@ -309,9 +311,10 @@ static void moved_by(const pliant_falling *falling, const pliant_contacts *conta
     for (int k = 0; k < 6; k++) moved[k] = pliant_piece_moves(touch, load, k);
 }
 
-/* Implicit Euler moves a body by its velocity at the end of the step, as contact requires (Stewart and Trinkle, Int. J. Numer. Meth. Engng 39:2673, 1996). The
- * trapezoidal rule takes the mean of the velocities at both ends instead, which is exact under constant forces. Return the difference of the two ways,
- * projected so that no contact point of the piece comes closer. */
+/* Implicit Euler moves a body by its velocity at the end of the step, as contact requires (Stewart and Trinkle, Int. J.
+ * Numer. Meth. Engng 39:2673, 1996). The trapezoidal rule takes the mean of the velocities at both ends instead, which
+ * is exact under constant forces. Return the difference of the two ways, projected so that no contact point of the
+ * piece comes closer. */
 static void trapezoidal_correction(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, const double faster[3], double out[3])
 {
     enum { PASSES = 4 };
