@@ -141,10 +141,11 @@ try {
         *why = "it is a " + type + "; it must be a geometry_msgs/PoseStamped or TransformStamped";
         return false;
     }
-    if (!out->header.frame_id.empty() && out->header.frame_id[0] == '/') out->header.frame_id.erase(0, 1); /* tf of old */
+    /* older versions of tf prefix a slash */
+    if (!out->header.frame_id.empty() && out->header.frame_id[0] == '/') out->header.frame_id.erase(0, 1);
     if (out->header.frame_id.empty()) out->header.frame_id = frame;
     return true;
-} catch (const std::exception &broken) { /* another message than its sender says */
+} catch (const std::exception &broken) { /* the serialized data do not match the message definition */
     *why = std::string("it cannot be read: ") + broken.what();
     return false;
 }
@@ -267,7 +268,7 @@ void topology_message(const pliant_surface &surface, MeshTopology *out)
             for (int32_t end : between.end) out->between.push_back(static_cast<uint32_t>(end));
             out->between_share.push_back(between.share);
         }
-        for (size_t i = 0; body.tet_parent && i < tets; ++i) /* those at load are their own */
+        for (size_t i = 0; body.tet_parent && i < tets; ++i) /* tetrahedra of the initial mesh are their own parents */
             if (static_cast<size_t>(body.tet_parent[i]) != i) out->tetrahedron_parent.push_back(static_cast<uint32_t>(body.tet_parent[i]));
     }
     const pliant_cuts *cuts = body.cuts;
@@ -319,7 +320,8 @@ void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3
 {
     const bool grips = tool.holding || tool.cutting;
     for (int d = 0; d < 3; ++d) {
-        force[d] = (grips ? tool.force[d] : 0) + tool.contact_force[d]; /* the first acts at the tip itself */
+        /* the grasp force acts at the tip and has no torque about it */
+        force[d] = (grips ? tool.force[d] : 0) + tool.contact_force[d];
         torque[d] = tool.contact_torque[d];
     }
 }

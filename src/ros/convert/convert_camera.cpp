@@ -1,4 +1,4 @@
-/* What a camera sees, as messages. */
+/* Convert camera images and camera parameters to messages. */
 #include "pliant/ros/convert.h"
 
 #include <sensor_msgs/distortion_models.h>
@@ -11,7 +11,7 @@ namespace pliant_ros {
 
 void camera_from_frame(const Rigid &tissue_from_frame, CameraConvention convention, double aside, pliant_camera *camera)
 {
-    /* the camera's axes in those of the frame: right, down, forward */
+    /* camera axes (right, down, forward) expressed in the frame's axes */
     static const double axes[2][3][3] = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 1, 0}, {0, 0, -1}, {-1, 0, 0}}};
     for (int column = 0; column < 3; ++column) {
         double axis[3];
@@ -34,7 +34,7 @@ void camera_info_message(const pliant_camera &camera, double baseline, sensor_ms
 
 bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera)
 {
-    const uint32_t most = 8192; /* pixels a side, as of the parameters */
+    const uint32_t most = 8192; /* maximum image width and height, as for the parameters */
     if (info.width < 1 || info.height < 1 || info.width > most || info.height > most) return false;
     if (!(info.P[0] > 1e-3 && info.P[0] < 1e9 && info.P[5] > 1e-3 && info.P[5] < 1e9) || !std::isfinite(info.P[2]) || !std::isfinite(info.P[6])) return false;
     camera->width = static_cast<int32_t>(info.width);

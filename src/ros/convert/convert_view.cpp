@@ -1,4 +1,4 @@
-/* The mesh for stock rviz: Marker and PointCloud2. */
+/* Convert the mesh to Marker and PointCloud2 messages, which rviz displays without plugins. */
 #include "pliant/ros/convert.h"
 
 #include <Eigen/Geometry>
@@ -19,7 +19,7 @@ float displacement(const double *rest, const double *positions, size_t node)
     return static_cast<float>(std::sqrt(squared));
 }
 
-/* of nodes, and after them of the surface's vertices */
+/* Append the surface's vertices to an array of node values. */
 std::vector<double> with_vertices(const pliant_surface &surface, int size, const double *nodes)
 {
     const size_t count = static_cast<size_t>(size) * static_cast<size_t>(surface.body->fine.num_nodes);
@@ -29,7 +29,8 @@ std::vector<double> with_vertices(const pliant_surface &surface, int size, const
     return out;
 }
 
-/* 0 blue, 1/2 yellow, 1 red; dimmed by light, see-through enough to find a tool inside */
+/* Map x to a colour: 0 is blue, 1/2 yellow, 1 red. The colour is scaled by light and translucent, so that a tool inside
+ * stays visible. */
 std_msgs::ColorRGBA colour(float x, float light)
 {
     static const float ramp[3][3] = {{0.45f, 0.60f, 0.90f}, {0.95f, 0.90f, 0.30f}, {0.95f, 0.15f, 0.10f}};
@@ -45,7 +46,8 @@ std_msgs::ColorRGBA colour(float x, float light)
     return out;
 }
 
-/* rviz does not light triangles that have colours: light from the front, the left and above goes into the colours */
+/* Return the brightness of a triangle lit from the front, the left and above. rviz does not light triangles with vertex
+ * colours, so the brightness is part of the colour. */
 float light_on(const double *a, const double *b, const double *c)
 {
     const double from[3] = {0.36, -0.80, 0.48}, u[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]},
@@ -120,7 +122,7 @@ void tool_markers_message(const pliant_tool_state &tool, double clearance, const
 
 namespace {
 
-/* Where a part is, of a tool with its tip in a pose and its jaws at an angle. The jaws turn about their joint. */
+/* Return the pose of a tool part for a tip pose and a jaw angle. The jaws rotate about their joint. */
 Eigen::Isometry3d part_pose(const pliant_tool_shape &shape, pliant_part_frame frame, const double tip[3],
                             const double rotation[4], double jaw)
 {
@@ -156,7 +158,7 @@ void append_solid(const pliant_part &part, const Eigen::Isometry3d &pose, visual
     out->markers.push_back(marker);
 }
 
-/* A capsule is a cylinder with two balls. */
+/* Append a capsule as one cylinder and two spheres. */
 void append_capsule(const pliant_part &part, const Eigen::Isometry3d &pose, visualization_msgs::Marker marker,
                     visualization_msgs::MarkerArray *out)
 {
@@ -189,14 +191,14 @@ void append_part(const pliant_part &part, const Eigen::Isometry3d &pose, visuali
         out->markers.push_back(marker);
         break;
     case PLIANT_PART_CAPSULE: append_capsule(part, pose, marker, out); break;
-    case PLIANT_PART_BOX: /* its radius rounds it off outside itself */
+    case PLIANT_PART_BOX: /* the radius rounds the box and lies outside its extents */
         marker.type = visualization_msgs::Marker::CUBE;
         set_scale(to.x() - from.x() + width, to.y() - from.y() + width, to.z() - from.z() + width, &marker);
         set_pose(pose * Eigen::Translation3d(0.5 * (from + to)), &marker);
         out->markers.push_back(marker);
         break;
     case PLIANT_PART_SOLID: append_solid(part, pose, marker, out); break;
-    case PLIANT_PART_HALF_SPACE: break; /* of obstacles alone */
+    case PLIANT_PART_HALF_SPACE: break; /* only obstacles are half spaces */
     }
 }
 

@@ -1,4 +1,4 @@
-/* Volumes to messages: boxes of voxels, and slices to look at. */
+/* Convert volumes to messages: boxes of voxels, and slices as images. */
 #include "pliant/ros/convert.h"
 
 #include <algorithm>
@@ -13,7 +13,7 @@ enum { MAX_SLICE_PIXELS = 2048, MAX_MERGED = 128 };
 
 size_t voxels_of(const Box &box) { return static_cast<size_t>(box.size[0]) * box.size[1] * box.size[2]; }
 
-/* bricks [low, high] along each axis -> voxels */
+/* Return the voxels of the bricks [low, high]. */
 Box box_of_bricks(const int32_t low[3], const int32_t high[3], const int32_t size[3])
 {
     Box box;
@@ -25,7 +25,8 @@ Box box_of_bricks(const int32_t low[3], const int32_t high[3], const int32_t siz
     return box;
 }
 
-/* grow [low, high] over all changed bricks that touch `seed`, by face, edge or corner, and take them off */
+/* Extend [low, high] to all changed bricks connected to `seed` by a face, edge or corner, and remove them from
+ * `left`. */
 void flood(const int32_t count[3], std::vector<uint8_t> *left, size_t seed, int32_t low[3], int32_t high[3])
 {
     std::vector<size_t> stack(1, seed);
@@ -51,7 +52,7 @@ void flood(const int32_t count[3], std::vector<uint8_t> *left, size_t seed, int3
     }
 }
 
-/* stored voxels around a continuous index; the index is inside the grid */
+/* Interpolate stored voxels trilinearly at a continuous index inside the grid. */
 template <class Voxel> float trilinear(const Voxel *voxels, const int32_t size[3], const double index[3])
 {
     size_t base[3], step[3];
@@ -75,7 +76,7 @@ template <class Voxel> float trilinear(const Voxel *voxels, const int32_t size[3
     return plane[0] + f[2] * (plane[1] - plane[0]);
 }
 
-/* index of pixel (column, row) is start + column * right + row * down */
+/* The index of pixel (column, row) is start + column * right + row * down. */
 struct Raster {
     double start[3], right[3], down[3];
     uint32_t width, height;
@@ -98,7 +99,7 @@ template <class Voxel> void sample(const pliant_volume &volume, const Raster &ra
         }
 }
 
-/* LPS box of the voxels' outer edges */
+/* Return the LPS bounding box of the volume, including the outer half voxels. */
 void world_box(const pliant_geometry &geometry, double low[3], double high[3])
 {
     std::fill(low, low + 3, INFINITY);
@@ -121,7 +122,7 @@ Raster raster_of(const pliant_geometry &geometry, Plane plane, double fraction)
     world_box(geometry, low, high);
     double pixel = *std::min_element(geometry.spacing, geometry.spacing + 3);
     int u = right[plane], v = down[plane], n = across[plane];
-    double sign = v == 2 ? -1 : 1; /* rows run down to the feet */
+    double sign = v == 2 ? -1 : 1; /* rows run from head to feet */
     pixel = std::max(pixel, std::max(high[u] - low[u], high[v] - low[v]) / MAX_SLICE_PIXELS);
     Raster raster;
     raster.width = static_cast<uint32_t>(std::max(1L, std::lround((high[u] - low[u]) / pixel)));
@@ -152,7 +153,7 @@ std::vector<float> pixels_of(const pliant_volume &volume, const Raster &raster)
     return pixels;
 }
 
-/* the grid of every step-th voxel of a region, the whole of it */
+/* Fill in the grid of every step-th voxel of a region, and the grid of the whole volume. */
 void describe(const pliant_volume &volume, const Box &region, uint32_t step, Volume *out)
 {
     pliant_geometry grid = volume.geometry;
@@ -171,7 +172,7 @@ void describe(const pliant_volume &volume, const Box &region, uint32_t step, Vol
     out->intercept = volume.intercept;
 }
 
-/* the smallest that holds both */
+/* Return the smallest box that contains both boxes. */
 Box box_around(const Box &a, const Box &b)
 {
     Box around;
@@ -256,7 +257,7 @@ Box region_box(const pliant_geometry &geometry, const double low[3], const doubl
         for (int d = 0; d < 3; ++d) from[d] = std::min(from[d], index[d]), to[d] = std::max(to[d], index[d]);
     }
     Box box;
-    const double little = 1e-6; /* of a voxel: a corner on a centre holds it */
+    const double little = 1e-6; /* tolerance in voxels: a corner at a voxel centre includes that voxel */
     for (int d = 0; d < 3; ++d) {
         const int32_t last = geometry.size[d] - 1;
         const int32_t first = std::min(std::max(static_cast<int32_t>(std::ceil(from[d] - little)), 0), last);

@@ -60,7 +60,8 @@ void Guard::go(GuardState next, double now)
     for (int d = 0; d < 3; ++d) smooth_[d] = sent_[d] = 0;
 }
 
-/* first-order low-pass, exact for a force that is constant over the update; then how far it may go, and how fast */
+/* Apply a first-order low-pass, exact for a force that is constant during the update, then limit the magnitude and the
+ * rate. */
 void Guard::filter(double elapsed)
 {
     const double share = 1 - std::exp(-2 * M_PI * settings_.cutoff * elapsed);

@@ -1,20 +1,21 @@
-/* Between the simulation's forces and a surgeon's hand: what may pass, and how fast it may change. No ROS, no clock of its own.
+/* Decide which forces of the simulation reach a surgeon's hand, and limit their magnitude and rate. This class uses
+ * neither ROS nor a clock.
  *
- * It begins in ENDING where it is enabled: one before it may have been killed, and the hand feels its last force still.
+ * If enabled, it starts in ENDING: an earlier guard may have been killed, and the hand may still apply its last force.
  *
- *    state   | output                        | leaves when                                    | for
+ *    state   | output                        | transition                                     | next state
  *    CLOSED  | none                          | all gates are open                             | RISING
  *            |                               | fault                                          | FAULT
- *    RISING  | the force, times 0 to 1       | `ramp` has passed                              | OPEN
+ *    RISING  | the force, times 0 to 1       | `ramp` has elapsed                             | OPEN
  *            |                               | a gate closes, or fault                        | ENDING
  *    OPEN    | the force                     | a gate closes, or fault                        | ENDING
  *    ENDING  | zero                          | all gates are open                             | RISING
- *            |                               | `tail` has passed                              | CLOSED; after a fault FAULT
- *    FAULT   | none                          | never: no gate opens any more                  |
- *    any     | zero, once                    | shut_down                                      | CLOSED, for good
+ *            |                               | `tail` has elapsed                             | CLOSED; after a fault FAULT
+ *    FAULT   | none                          | never                                          |
+ *    any     | zero, once                    | shut_down                                      | CLOSED, permanently
  *
- * A gate that closes makes the output zero in the same update: no ramp, no filter. "The force" is what came last, times -gain, through a
- * first-order low-pass, held back to `rate` and to `largest`. */
+ * When a gate closes, the output is zero in the same update, without ramp or filter. "The force" is the last received
+ * force times -gain, after a first-order low-pass, with its rate limited to `rate` and its magnitude to `largest`. */
 #ifndef PLIANT_ROS_GUARD_GUARD_H
 #define PLIANT_ROS_GUARD_GUARD_H
 
@@ -23,17 +24,17 @@
 namespace pliant_ros {
 
 struct GuardSettings {
-    bool enabled = false;       /* ~haptic */
-    bool needs_following = true; /* of the teleoperation; false: there is none */
-    double gain = 0.25;         /* of the hand's force over the tissue's */
-    double largest = 2;         /* [N] */
-    double rate = 20;           /* [N/s] */
-    double cutoff = 30;         /* of the low-pass [Hz] */
-    double ramp = 0.5;          /* [s] */
-    double tail = 0.2;          /* zeros after closing [s] */
-    double timeout = 0.04;      /* of forces, and of poses: a step is late now and then [s] */
-    double largest_error = 0.002; /* of a step, told by `timing` [m]; infinite: whatever it is */
-    double error_timeout = 0.5; /* [s] */
+    bool enabled = false;       /* parameter ~haptic */
+    bool needs_following = true; /* require the teleoperation to follow the hand; false: there is no teleoperation */
+    double gain = 0.25;         /* ratio of the hand's force to the tissue's force */
+    double largest = 2;         /* maximum force [N] */
+    double rate = 20;           /* maximum change of the force [N/s] */
+    double cutoff = 30;         /* cutoff frequency of the low-pass [Hz] */
+    double ramp = 0.5;          /* time in which the force rises [s] */
+    double tail = 0.2;          /* time for which zeros are sent after a gate closes [s] */
+    double timeout = 0.04;      /* maximum age of forces and poses, larger than a typical delay of a step [s] */
+    double largest_error = 0.002; /* maximum error of a step, as `timing` reports it [m]; infinite: no limit */
+    double error_timeout = 0.5; /* maximum age of the error [s] */
 };
 
 enum class GuardState { CLOSED, RISING, OPEN, ENDING, FAULT };
@@ -43,28 +44,29 @@ class Guard {
 public:
     explicit Guard(const GuardSettings &settings) : settings_(settings), state_(settings.enabled ? GuardState::ENDING : GuardState::CLOSED) {}
 
-    /* What comes in, with the time at which it did: of one monotonic clock [s]. */
+    /* Inputs, with their arrival time on one monotonic clock [s]. */
     void pose(double now, bool valid);
-    void wrench(double now, const double force[3]); /* of the tool on the tissue [N] */
+    void wrench(double now, const double force[3]); /* force of the tool on the tissue [N] */
     void following(bool is) { following_ = is; }
     void simulation(bool runs) { runs_ = runs; }
-    void error(double now, double metres); /* 0: not known */
-    /* What cannot pass, such as a wrong parameter: it never opens again, and why() says this. */
+    void error(double now, double metres); /* 0: unknown */
+    /* Close permanently, for example because of a wrong parameter; why() returns this text. */
     void fault(const std::string &why);
 
     struct Output {
-        bool send;       /* there is something to send */
-        double force[3]; /* on the hand [N] */
+        bool send;       /* whether there is a force to send */
+        double force[3]; /* force on the hand [N] */
     };
-    /* To be called regularly. */
+    /* Return the force to send; call periodically. */
     Output update(double now);
-    /* The last: zero, to be sent at once. */
+    /* Return the final output: zero, to be sent immediately. */
     Output shut_down();
 
     GuardState state() const { return state_; }
-    /* Why it is closed: the gates that are; empty when none is. */
+    /* Return which gates are closed, as text; empty if all are open. */
     std::string why(double now) const;
-    unsigned long clamped() const { return clamped_; } /* updates in which `largest` or `rate` held the force back */
+    /* number of updates in which `largest` or `rate` limited the force */
+    unsigned long clamped() const { return clamped_; }
 
 private:
     void go(GuardState next, double now);

@@ -53,7 +53,7 @@ void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Num
         out->tool = static_cast<std::string &>(value);
     }
     else if (name == "haptic") {
-        out->settings.enabled = true; /* where it is wrong: the zeros of a fault go out, no force does */
+        out->settings.enabled = true; /* If the value is wrong, the guard sends zeros, but no force. */
         out->settings.enabled = read_switch(name, value);
     }
     else if (name == "needs_following") out->settings.needs_following = read_switch(name, value);
@@ -61,7 +61,7 @@ void read_one(const std::string &name, XmlRpcValue &value, const std::vector<Num
         const double most = read_number(name, value);
         if (std::isnan(most)) refuse(name, "must be a number; below 0: any error will do");
         out->settings.largest_error = most < 0 ? INFINITY : most;
-    } else if (name != "diagnostic_period") { /* which is the updater's own */
+    } else if (name != "diagnostic_period") { /* diagnostic_period belongs to diagnostic_updater */
         std::string known = "tool haptic needs_following max_error";
         for (const Number &number : numbers) {
             known += std::string(" ") + number.name;
@@ -80,13 +80,14 @@ bool read_guard_parameters(XmlRpcValue tree, GuardParameters *out, std::string *
 {
     GuardParameters read;
     GuardSettings &settings = read.settings;
-    /* a force is zero within the timeout and an update after the last pose or force: 50 ms by default, and never more than half a second */
+    /* The force becomes zero one update after `timeout` without a pose or force: 50 ms by default, at most half a
+     * second. */
     const std::vector<Number> numbers = {{"gain", &settings.gain, 1e-6, 100},    {"max_force", &settings.largest, 1e-6, 100}, {"max_rate", &settings.rate, 1e-6, 1e6},
                                          {"cutoff", &settings.cutoff, 1e-3, 1e4}, {"ramp", &settings.ramp, 1e-3, 60},          {"tail", &settings.tail, 1e-3, 60},
                                          {"timeout", &settings.timeout, 1e-3, 0.5}, {"rate", &read.rate, 40, 5000}};
     try {
         if (tree.getType() == XmlRpcValue::TypeStruct) {
-            /* first: zeros go out whatever else is wrong */
+            /* Read `haptic` first, so that zeros are sent even if another parameter is wrong. */
             if (tree.hasMember("haptic")) read_one("haptic", tree["haptic"], numbers, &read);
             for (auto &entry : tree) read_one(entry.first, entry.second, numbers, &read);
         }

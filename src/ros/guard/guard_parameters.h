@@ -1,4 +1,4 @@
-/* What force_guard is told by its private parameters. */
+/* Private parameters of force_guard. */
 #ifndef PLIANT_ROS_GUARD_GUARD_PARAMETERS_H
 #define PLIANT_ROS_GUARD_GUARD_PARAMETERS_H
 
@@ -16,9 +16,9 @@ struct GuardParameters {
     double rate = 200; /* [Hz] */
 };
 
-/* From the tree of private parameters (a struct, or invalid for none). False where one is unknown or wrong: `why` names it and what would be
-   right, and `out` has the defaults, but for settings.enabled, by which zeros still go out: it is
-   true where `haptic` itself is wrong. The tree is not changed. */
+/* Read the tree of private parameters (a struct; invalid without parameters). The tree is not changed. Return false if
+ * a parameter is unknown or wrong. Then `why` names the parameter and the accepted values, and `out` has the defaults
+ * except settings.enabled. It is true if `haptic` is true or `haptic` itself is wrong, so that zeros are sent. */
 bool read_guard_parameters(XmlRpc::XmlRpcValue tree, GuardParameters *out, std::string *why);
 
 } // namespace pliant_ros

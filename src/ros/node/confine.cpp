@@ -37,7 +37,8 @@ std::string joined(const std::string &folder, const std::string &path)
     return !path.empty() && path[0] == '/' ? path : folder + "/" + path;
 }
 
-/* Whether the nearest folder of a path that is there is inside: nobody learns what there is where nothing may be read. */
+/* Return whether the nearest existing parent folder of a path lies inside root. Error messages reveal the existence of
+ * a file only if it lies inside. */
 bool would_be_inside(const std::string &root, std::string path)
 {
     std::string found;
@@ -116,7 +117,8 @@ std::vector<std::string> files_of(const pliant_scene &scene)
     std::string found;
     for (const char *path : {scene.material.file, scene.mesh.file})
         if (path[0] && real(path, &found)) files.push_back(found);
-    /* what reading the obstacles opens; an error comes when they are read for a model */
+    /* Collect the files that the obstacle reader opens. A read error is ignored here; it is reported when a model is
+     * built. */
     const auto note = [](const char *path, void *user) -> const char * {
         static_cast<std::vector<std::string> *>(user)->push_back(path);
         return nullptr;

@@ -1,5 +1,6 @@
-/* Files that a caller over the network may name: only below one folder, whatever links and headers say. Paths in a
-   request are checked first, for a plain answer; what is read in the end is decided by ConfinedReads. */
+/* Restrict the files that a network client may name to one folder, after resolving links and file headers. Paths in a
+ * request are checked first, which gives a clear error message. ConfinedReads makes the final decision when a file is
+ * opened. */
 #ifndef PLIANT_ROS_NODE_CONFINE_H
 #define PLIANT_ROS_NODE_CONFINE_H
 
@@ -11,19 +12,19 @@
 
 namespace pliant_ros {
 
-/* The path of an existing file or folder inside root, links resolved. A relative path starts at root.
-   False with a message: root empty (nothing may be read), not there, outside. */
+/* Resolve the path of an existing file or folder inside root, including links. A relative path starts at root. Return
+ * false and set *why if root is empty (nothing may be read), the path does not exist, or it lies outside. */
 bool confine_existing(const std::string &root, const std::string &path, std::string *resolved, std::string *why);
 
-/* The same for a file to be written: its folder must exist inside root; an existing file is replaced only when it is a
-   plain one. */
+/* Resolve the path of a file to be written. Its folder must exist inside root. An existing file is replaced only if it
+ * is a regular file. */
 bool confine_new(const std::string &root, const std::string &path, std::string *resolved, std::string *why);
 
-/* The files that a scene names, and the STL files that its obstacles name; links resolved. */
+/* Return the files that a scene names and the STL files that its obstacles name, with links resolved. */
 std::vector<std::string> files_of(const pliant_scene &scene);
 
-/* While it lives, the readers of this thread open what lies inside root and the files `also`, nothing else: data
-   files of headers, images of a folder and links included. Either may be empty. */
+/* While an object of this class exists, readers in this thread open only files inside root and the files in `also`. The
+ * restriction includes data files that headers name, images of a folder, and links. Either argument may be empty. */
 class ConfinedReads {
 public:
     ConfinedReads(const std::string &root, const std::vector<std::string> &also);
@@ -34,7 +35,7 @@ public:
 private:
     const char *ask(const char *path) const;
 
-    std::string root_; /* links resolved, here and below */
+    std::string root_; /* links resolved, as in also_ */
     std::vector<std::string> also_;
     pliant_open_check before_;
 };

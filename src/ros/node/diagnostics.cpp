@@ -10,8 +10,8 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-const double far_proxy = 2e-3; /* distance of a proxy from a tool at rest that the user should see [m] */
-const double slow_tool = 50; /* poses a second below which forces feel rough [Hz]; robots send 100 or more */
+const double far_proxy = 2e-3; /* distance between a proxy and a tool at rest above which a warning is published [m] */
+const double slow_tool = 50; /* rate of poses below which forces feel rough [Hz]; robots send 100 or more */
 
 std::string host_name()
 {
@@ -52,7 +52,8 @@ void Diagnostics::solver(diagnostic_updater::DiagnosticStatusWrapper &status)
     StepHealth health = simulation_->health();
     uint64_t missed = health.missed >= missed_before_ ? health.missed - missed_before_ : health.missed;
     missed_before_ = health.missed;
-    const uint64_t counted = health.ended_early >= ended_before_ ? ended_before_ : 0; /* it begins again with a load */
+    /* the counter restarts when a scan is loaded */
+    const uint64_t counted = health.ended_early >= ended_before_ ? ended_before_ : 0;
     const uint64_t ended_early = health.ended_early - counted;
     ended_before_ = health.ended_early;
     const bool was_slow = health.slow > 0 && health.slow != slow_before_;

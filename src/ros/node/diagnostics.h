@@ -1,4 +1,4 @@
-/* /diagnostics, once a second: the solver, each tool, the backend, what is published. */
+/* Publish /diagnostics once per second: the solver, each tool, the backend, and the published topics. */
 #ifndef PLIANT_ROS_NODE_DIAGNOSTICS_H
 #define PLIANT_ROS_NODE_DIAGNOSTICS_H
 

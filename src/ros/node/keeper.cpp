@@ -42,7 +42,7 @@ void Keeper::run()
         try {
             if (due()) write();
         } catch (const std::exception &failed) {
-            written_at_ = Clock::now(); /* not more often than it would be written */
+            written_at_ = Clock::now(); /* A failed write is retried after the same period as a successful one. */
             problem_.set(std::string("no checkpoint: ") + failed.what());
             ROS_ERROR_THROTTLE(5, "no checkpoint: %s", failed.what());
         }
@@ -55,7 +55,8 @@ void Keeper::write()
     const Moment moment = simulation_->moment();
     Saved saved;
     saved.session = sessions_->now();
-    if (saved.session.load != moment.snapshot.loaded->revision) return; /* another model is being put in */
+    /* A model that is being replaced is not saved. */
+    if (saved.session.load != moment.snapshot.loaded->revision) return;
     saved_message(moment, parameters_.tissue_frame, &surface_, &saved);
     services_->keep(&saved.rest);
     saved.rest.parent_frame = parameters_.parent_frame;

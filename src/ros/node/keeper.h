@@ -1,4 +1,5 @@
-/* Keeps ~checkpoint: after each cut and every ~checkpoint_period, in a thread of its own. Nothing of it is there where none is asked for. */
+/* Write the file ~checkpoint after each cut and every ~checkpoint_period, in a separate thread. Without ~checkpoint
+ * there is no thread. */
 #ifndef PLIANT_ROS_NODE_KEEPER_H
 #define PLIANT_ROS_NODE_KEEPER_H
 
@@ -14,7 +15,7 @@ public:
            const Registration *registration);
     ~Keeper();
 
-    /* What keeps it from writing now; empty: nothing. */
+    /* Return why the checkpoint cannot be written; empty if it can. */
     std::string problem() const { return problem_.get(); }
 
 private:

@@ -13,7 +13,7 @@
 
 namespace pliant_ros {
 
-/* In the order in which they need each other; taken apart from the end. */
+/* Members are declared in the order of their dependencies and destroyed in reverse order. */
 struct Node::Parts {
     Parts(ros::NodeHandle handle, ros::NodeHandle private_handle)
         : parameters(parameters_of(private_handle)), frames(std::make_shared<tf2_ros::Buffer>()), listener(*frames),

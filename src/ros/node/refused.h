@@ -1,5 +1,5 @@
-/* In the place of a node whose parameters are wrong, where one that ends would be started again without end: `state` is FAULT, and
- * diagnostics say what is wrong, until somebody ends it. */
+/* Replacement for a node whose parameters are wrong. It publishes `state` as FAULT and reports the error in diagnostics
+ * until it is stopped. A process that exits would be restarted endlessly. */
 #ifndef PLIANT_ROS_NODE_REFUSED_H
 #define PLIANT_ROS_NODE_REFUSED_H
 

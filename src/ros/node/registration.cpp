@@ -20,7 +20,8 @@ namespace pliant_ros {
 
 namespace {
 
-/* the second direction of the points has to be this part of the first, or a turn about the first is anybody's guess */
+/* Minimum ratio of the second to the first singular value of the centred points. Below it, the rotation about the first
+ * direction is undetermined. */
 const double LEAST_WIDTH = 0.02;
 
 Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
@@ -31,9 +32,10 @@ Eigen::Matrix3Xd matrix_of(const std::vector<geometry_msgs::Point> &points)
 }
 
 const double DEFAULT_MAX_ERROR = 0.01; /* [m] */
-const double MAX_RADIUS = 2;           /* of points on one patient about their centre [m] */
+/* maximum root mean square distance of points on one patient from their centre [m] */
+const double MAX_RADIUS = 2;
 
-/* Root mean square distance from the centre. */
+/* Return the root mean square distance of the points from their centre. */
 double radius_of(const Eigen::Matrix3Xd &points)
 {
     return std::sqrt((points.colwise() - points.rowwise().mean().eval()).colwise().squaredNorm().mean());
@@ -46,7 +48,7 @@ double rms_of_fit(const Eigen::Matrix3Xd &from, const Eigen::Matrix3Xd &to)
     return std::sqrt((turned - to).colwise().squaredNorm().mean());
 }
 
-/* The unit of points that are `scale` times as large as they are in metres; NULL: none is known. */
+/* Return the unit of points whose coordinates are `scale` times as large as in metres; NULL if no unit matches. */
 const char *unit_of(double scale)
 {
     const auto near = [scale](double known) { return scale > 0.7 * known && scale < 1.4 * known; };
@@ -220,7 +222,8 @@ void Registration::go_on(const std::string &parent_frame, const geometry_msgs::P
 void Registration::send(const geometry_msgs::TransformStamped &transform)
 {
     broadcaster_.sendTransform(transform);
-    frames_->setTransform(transform, "pliant", true); /* for this node, without the way over the network */
+    /* in addition to the broadcast, so that this node sees it without network delay */
+    frames_->setTransform(transform, "pliant", true);
 }
 
 void Registration::place_arms()
@@ -258,7 +261,8 @@ void Registration::place(const Rigid &pose)
 std::string Registration::store(const Rigid &pose) const
 {
     if (parameters_.registration.empty()) return "; not stored: ~registration names no file";
-    const std::string next = parameters_.registration + ".new"; /* so that the one before stays where this cannot be written */
+    /* written next to the old file, which survives if the write fails */
+    const std::string next = parameters_.registration + ".new";
     std::ofstream file(next);
     file << registration_text(parameters_.parent_frame, pose);
     file.close();

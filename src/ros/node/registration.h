@@ -1,4 +1,5 @@
-/* Where the tissue lies in the room: as the parameters say, as a file does that an earlier registration has left, or by points. */
+/* Pose of the tissue in the parent frame, from parameters, from the file of an earlier registration, or from point
+ * pairs. */
 #ifndef PLIANT_ROS_NODE_REGISTRATION_H
 #define PLIANT_ROS_NODE_REGISTRATION_H
 
@@ -14,38 +15,41 @@
 
 namespace pliant_ros {
 
-/* The rigid motion that takes the points of one set to those of the other with the least sum of squares (Arun, Huang and Blostein, IEEE PAMI
- * 9:698, 1987; Umeyama, IEEE PAMI 13:376, 1991). False for less than three pairs, points that are not finite, or that lie on a line.
- * errors: what is left of every pair [m] */
+/* Fit the rigid motion that maps one point set to the other with the minimum sum of squared errors (Arun, Huang and
+ * Blostein, IEEE PAMI 9:698, 1987; Umeyama, IEEE PAMI 13:376, 1991). Return false for fewer than three pairs,
+ * non-finite points, or collinear points.
+ * errors: residual distance of each pair [m] */
 bool fit_rigid(const std::vector<geometry_msgs::Point> &from, const std::vector<geometry_msgs::Point> &to, Rigid *out, std::vector<double> *errors,
                std::string *why);
 
-/* Return why a fit of these pairs is refused, or an empty text. A fit is refused if the root mean square of its errors exceeds max_error
- * [m; 0: 10 mm], or if the points span metres. The text says whether mirrored points or other units explain the errors.
- * errors: what fit_rigid has returned for these pairs [m] */
+/* Return why a fit of these pairs is refused, or an empty text. A fit is refused if the root mean square of its errors
+ * exceeds max_error [m; 0: 10 mm], or if the points span metres. The text reports whether mirrored points or other
+ * units explain the errors.
+ * errors: residual distances that fit_rigid has returned for these pairs [m] */
 std::string refusal_of_fit(const std::vector<geometry_msgs::Point> &tissue, const std::vector<geometry_msgs::Point> &room,
                            const std::vector<double> &errors, double max_error);
 double root_mean_square(const std::vector<double> &values);
 
 geometry_msgs::Pose pose_message(const Rigid &pose);
 
-/* Text of a file with a pose and the frame that it is in, and back. */
+/* Convert between a pose with its parent frame and the text of a registration file. */
 std::string registration_text(const std::string &parent_frame, const Rigid &pose);
 bool registration_from_text(const std::string &text, const std::string &parent_frame, Rigid *out, std::string *why);
 
-/* The pose of an arm's base, and the frame that it is in, from a file of dVRK's camera registration (2.4, for consoles that are not told of
- * it: NAME-registration-open-cv.json, or what was copied to a console's file): "base-frame": {"reference-frame": NAME, "transform": 4 x 4}. */
+/* Read the pose of an arm's base and its reference frame from a dVRK camera registration file. The file is
+ * NAME-registration-open-cv.json (dVRK 2.4) or a console's file with the same entries: "base-frame":
+ * {"reference-frame": NAME, "transform": 4 x 4}. */
 bool hand_eye_from_text(const std::string &text, std::string *frame, Rigid *out, std::string *why);
 
 class Registration {
 public:
-    /* Places the tissue, and the bases of arms that ~hand_eye names; throws std::runtime_error where a file cannot be read, or is of another
-       frame. */
+    /* Publish the pose of the tissue and of the arm bases that ~hand_eye names. Throw std::runtime_error if a file
+     * cannot be read or uses another frame. */
     Registration(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<tf2_ros::Buffer> frames);
 
-    /* Of the tissue in the parent frame, now. Any thread may ask. */
+    /* Return the pose of the tissue in the parent frame. Thread-safe. */
     geometry_msgs::Pose pose_message() const;
-    /* Where a process before this one had it, unless a file says where it lies. */
+    /* Set the pose that an earlier process stored in a checkpoint, unless a registration file gives the pose. */
     void go_on(const std::string &parent_frame, const geometry_msgs::Pose &pose);
 
 private:
@@ -57,9 +61,9 @@ private:
 
     const Parameters parameters_;
     std::shared_ptr<tf2_ros::Buffer> frames_;
-    mutable std::mutex lock_; /* of the pose */
+    mutable std::mutex lock_; /* guards pose_ */
     Rigid pose_ = identity();
-    bool stored_ = false; /* a file says where it lies */
+    bool stored_ = false; /* whether a file gives the pose */
     tf2_ros::StaticTransformBroadcaster broadcaster_;
     ros::ServiceServer server_;
 };

@@ -11,14 +11,14 @@ namespace pliant_ros {
 
 namespace {
 
-/* one waits for long work, one for the end of a step, and one cancels or refuses */
+/* one thread waits for long work, one for the end of a step, and one cancels or refuses */
 enum { SERVICE_THREADS = 3 };
 
 float seconds_since(double start) { return static_cast<float>(pliant_seconds() - start); }
 
 bool is_phantom(const std::string &path) { return path == "phantom" || path.compare(0, 8, "phantom:") == 0; }
 
-/* Whether the ending of a path is of a mesh. */
+/* Return whether a path has the extension of a mesh file. */
 bool is_of_mesh(const std::string &path)
 {
     const size_t dot = path.rfind('.');
@@ -46,7 +46,7 @@ void Recomputed::take(const RecomputeHomogenization::Request &request)
 void Recomputed::apply(pliant_scene *scene) const
 {
     if (!method.empty()) check(pliant_scene_set(scene, "model/method", method.c_str()));
-    /* what somebody named is not chosen any more */
+    /* Options that a caller sets are not selected automatically. */
     if (!method.empty()) scene->choose.method = false;
     if (ratio > 0) scene->choose.ratio = false;
     for (int d = 0; d < 3; ++d)
@@ -128,7 +128,7 @@ void Services::keep(Checkpoint *out) const
 
 bool Services::is_begun_alike(const Checkpoint &rest) const
 {
-    /* what may change while it runs, and is then a parameter, is no other scene */
+    /* Parameters that may change at run time do not make a scene different. */
     pliant_scene then = scene_of(rest.start_scene);
     live_->apply(&then);
     pliant_scene now = parameters_.scene;
@@ -136,7 +136,7 @@ bool Services::is_begun_alike(const Checkpoint &rest) const
     return rest.start_scan == parameters_.scan && scene_text(then) == scene_text(now);
 }
 
-/* What a checkpoint tells is put in as it was, cuts, positions, holds and all. */
+/* Restore a checkpoint: cuts, positions, grasps, and settings. */
 std::string Services::go_on(const Saved &saved)
 {
     if (!is_begun_alike(saved.rest)) throw Failure(PLIANT_ERROR_ARGUMENT, "it is of a node that was started with another scan or scene (" + saved.rest.start_scan + ")");
@@ -147,7 +147,7 @@ std::string Services::go_on(const Saved &saved)
     pliant_scene live = *pliant_model_get_scene(next->model);
     apply_settings(session, &live);
     work_.commit();
-    simulation_->swap(next, &moment); /* what is refused changes nothing */
+    simulation_->swap(next, &moment); /* no state has changed before this call, so an earlier error has no effect */
     live_->go_on(scene_of(saved.rest.start_scene), live);
     if (saved.rest.start_pose == pose_message(parameters_.tissue_pose)) registration_->go_on(saved.rest.parent_frame, saved.rest.tissue_pose);
     tell_of(*next);
@@ -185,7 +185,7 @@ void Services::load_first()
         } catch (const Failure &failed) {
             if (failed.status == PLIANT_ERROR_CANCELLED) throw;
             why = failed.what();
-        } catch (const std::exception &failed) { /* a message that is not whole, or too large */
+        } catch (const std::exception &failed) { /* truncated or too large message */
             why = failed.what();
         }
         const std::string aside = checkpoint + ".refused";
@@ -269,7 +269,7 @@ bool Services::recompute(RecomputeHomogenization::Request &request, RecomputeHom
             try {
                 measured = measure(*pliant_model_get_scene(next->model), *old->scan, materials, work_.progress(0.2, 1));
                 if (!measured.made) note = "; no error could be measured";
-            } catch (const Failure &failure) { /* the model is good for what needs no measuring */
+            } catch (const Failure &failure) { /* the model remains usable without an error estimate */
                 if (failure.status == PLIANT_ERROR_CANCELLED) throw;
                 note = "; no error could be measured: " + std::string(failure.what());
             }
@@ -361,7 +361,7 @@ Rigid Services::tissue_from(const std_msgs::Header &header) const
     return out;
 }
 
-/* In the volume that is shown, or else in one made for this. */
+/* Pick in the displayed volume; without one, in a volume computed for this call. */
 bool Services::pick(Pick::Request &request, Pick::Response &response)
 {
     try {

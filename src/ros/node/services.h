@@ -1,4 +1,4 @@
-/* What can be asked of the running node. */
+/* Services of the running node. */
 #ifndef PLIANT_ROS_NODE_SERVICES_H
 #define PLIANT_ROS_NODE_SERVICES_H
 
@@ -28,25 +28,26 @@ using pliant::RecomputeHomogenization;
 using pliant::SaveVolume;
 using pliant::SetMaterials;
 
-/* What recompute_homogenization has set so far: a load keeps it. Empty and 0: as the scene says. */
+/* Settings of recompute_homogenization, which later loads keep. Empty or 0: the value of the scene. */
 struct Recomputed {
     std::string method;
     int32_t coarse_cells[3] = {0, 0, 0}, ratio = 0;
 
     void take(const RecomputeHomogenization::Request &request);
-    /* Throws Failure for an unknown method. */
+    /* Throw Failure for an unknown method. */
     void apply(pliant_scene *scene) const;
 };
 
-/* Calls run on a queue of their own, beside the simulation. Of those that take long one runs at a time; a second one is refused. The one
-   that builds a model swaps it in at a step boundary, or fails or is cancelled, and leaves everything as it was. */
+/* Service calls run on their own queue, in parallel with the simulation. Only one long call runs at a time; a second
+ * one is refused. A call that builds a model swaps it in between two steps. If it fails or is cancelled, the state is
+ * unchanged. */
 class Services {
 public:
     Services(ros::NodeHandle handle, const Parameters &parameters, State *state, Live *live, Sessions *sessions, Simulation *simulation,
              MeshOutput *mesh_output, VolumeOutput *volume_output, Registration *registration, std::shared_ptr<const tf2_ros::Buffer> frames);
     ~Services();
 
-    /* What a node that goes on after this one needs to know: how it was started, what later loads keep. Any thread may ask. */
+    /* Store the start parameters and the settings that later loads keep, for a restarted node. Thread-safe. */
     void keep(Checkpoint *out) const;
 
 private:
@@ -68,7 +69,8 @@ private:
     bool pause(std_srvs::SetBool::Request &request, std_srvs::SetBool::Response &response);
 
     std::string allowed(const std::string &path) const;
-    void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false); /* the options that may change while running, too */
+    /* takes_live: also take the options that may change at run time */
+    void put_in(const std::shared_ptr<Loaded> &next, bool takes_live = false);
     void tell_of(const Loaded &next);
     std::shared_ptr<const Loaded> current() const;
 
@@ -82,9 +84,9 @@ private:
     VolumeOutput *volume_output_;
     Registration *registration_;
     std::shared_ptr<const tf2_ros::Buffer> frames_;
-    mutable std::mutex lock_; /* of the next two, where they change or another thread reads them */
+    mutable std::mutex lock_; /* guards recomputed_ and materials_ */
     Recomputed recomputed_;
-    Materials materials_; /* as set_materials set them; empty: as the scene says */
+    Materials materials_; /* from set_materials; empty: the scene's materials */
     ros::CallbackQueue queue_;
     std::vector<ros::ServiceServer> servers_;
     std::unique_ptr<ros::AsyncSpinner> spinner_;

@@ -23,7 +23,7 @@ bool Work::run(const std::string &name, std::string *message, std::function<std:
         std::lock_guard<std::mutex> hold(lock_);
         latest_ = job;
         thread_ = std::thread([this, job, before = std::move(thread_)]() mutable {
-            if (before.joinable()) before.join(); /* that was cancelled */
+            if (before.joinable()) before.join(); /* wait for a cancelled job */
             run_here(job);
         });
     }

@@ -1,4 +1,4 @@
-/* Long work beside the simulation: one at a time, in a thread of its own, which may be cancelled. */
+/* Run long work in a separate thread, one job at a time. A job may be cancelled. */
 #ifndef PLIANT_ROS_NODE_WORK_H
 #define PLIANT_ROS_NODE_WORK_H
 
@@ -18,26 +18,29 @@ namespace pliant_ros {
 class Work {
 public:
     explicit Work(State *state) : state_(state) {}
-    /* Cancels what runs, and waits for its end. */
+    /* Cancel the running job and wait for its end. */
     ~Work();
     void stop() { stopping_ = true; }
 
-    /* Run a function in a thread of its own, and wait until it returns or is cancelled. It returns a message, or throws. False: it was
-     * refused (other work runs), failed or was cancelled, and *message says why. A cancelled function goes on until its progress is reported
-     * next; so it may refer to nothing that the caller owns. The next work begins when it has returned. */
+    /* Run a function in a separate thread and wait until it returns or is cancelled. The function returns a message, or
+     * throws. Return false and set *message if the function was refused (other work runs), failed, or was cancelled. A
+     * cancelled function runs until its next progress report, so it must not refer to memory of the caller. The next
+     * job starts after it has returned. */
     bool run(const std::string &name, std::string *message, std::function<std::string()> function, bool may_be_cancelled = true);
-    /* Cancel what runs. False: nothing runs, or it cannot be cancelled any more; *message says so. */
+    /* Cancel the running job. Return false and set *message if no job runs or the job cannot be cancelled any more. */
     bool cancel(std::string *message);
-    /* By the function, before it changes anything: from then on it cannot be cancelled. Throws Failure if it was. */
+    /* Called by the function before it changes the state. After this call it cannot be cancelled. Throw Failure if it
+     * was cancelled. */
     void commit();
-    /* By the function: report a part of the work's progress. */
+    /* Called by the function. Return a callback that reports the progress of one part of the job, from and to in [0,
+     * 1]. */
     pliant_progress progress(double from = 0, double to = 1);
 
 private:
     struct Job {
         std::string name, message;
         std::function<std::string()> function;
-        std::mutex lock; /* of what follows */
+        std::mutex lock; /* guards the members below */
         std::condition_variable changed;
         bool is_committed = false, is_cancelled = false, is_done = false, is_good = false;
     };
@@ -48,8 +51,8 @@ private:
     State *state_;
     std::atomic<bool> stopping_{false};
     double progress_from_ = 0, progress_to_ = 1;
-    std::shared_ptr<Job> running_; /* of the thread alone */
-    std::mutex lock_;              /* of what follows */
+    std::shared_ptr<Job> running_; /* used only by the worker thread */
+    std::mutex lock_;              /* guards latest_ */
     std::shared_ptr<Job> latest_;
     std::thread thread_;
 };

@@ -41,7 +41,7 @@ CameraEye::CameraEye(ros::NodeHandle handle, const CameraParameters &parameters,
     depth_info_ = own.advertise<sensor_msgs::CameraInfo>("depth/camera_info", 1, true);
     points_ = own.advertise<sensor_msgs::PointCloud2>("points", 1);
 #ifdef PLIANT_WITH_CAMERA_INFO
-    /* without a file to be named, the manager would take whatever ~/.ros has of this camera's name */
+    /* Without a file name, the manager would load any file in ~/.ros with this camera's name. */
     if (!parameters.info_url.empty()) calibration_.reset(new camera_info_manager::CameraInfoManager(own, parameters.name + (side.empty() ? "" : "_" + side), parameters.info_url));
 #else
     if (!parameters.info_url.empty())
@@ -109,7 +109,7 @@ void CameraEye::look(pliant_view *view, const Loaded &loaded, const Rigid &tissu
     header.stamp = stamp;
     header.frame_id = parameters_.frame;
     publish_info(stamp);
-    /* who came while it was drawn waits for the next one */
+    /* Subscribers that connect during rendering receive the next image. */
     if (!rgb.empty()) send(image_, seen, header, sensor_msgs::image_encodings::RGB8, rgb.data());
     if (!depth.empty()) send(depth_, seen, header, sensor_msgs::image_encodings::TYPE_32FC1, depth.data());
     if (!label.empty()) send(label_, seen, header, sensor_msgs::image_encodings::TYPE_8UC1, label.data());

@@ -15,7 +15,7 @@
 
 namespace pliant_ros {
 
-/* With image_transport where it is installed, so that subscribers may have pictures compressed. */
+/* Use image_transport where it is installed, so that subscribers can request compressed images. */
 #ifdef PLIANT_WITH_IMAGE_TRANSPORT
 using ImagePublisher = image_transport::Publisher;
 #else
@@ -24,11 +24,13 @@ using ImagePublisher = ros::Publisher;
 
 class CameraEye {
 public:
-    /* @param side left, right, or empty: a camera of one eye */
+    /* @param side left, right, or empty for a monocular camera */
     CameraEye(ros::NodeHandle handle, const CameraParameters &parameters, const std::string &side);
 
     bool is_wanted() const;
-    /* Draws what somebody subscribes to, and publishes it. @param style as pliant_style_defaults has it. Errors: throws Failure. */
+    /* Render the subscribed images and publish them.
+     * @param style defaults: pliant_style_defaults
+     * Throws Failure. */
     void look(pliant_view *view, const Loaded &loaded, const Rigid &tissue_from_frame, const ros::Time &stamp, pliant_style style);
 
 private:
@@ -37,7 +39,7 @@ private:
     void apply(const Loaded &loaded, pliant_style *style) const;
 
     const CameraParameters parameters_;
-    const double aside_; /* to the right of the frame [m] */
+    const double aside_; /* offset of the eye to the right of the frame [m] */
     ImagePublisher image_, depth_, label_;
     ros::Publisher info_, depth_info_, points_;
 #ifdef PLIANT_WITH_CAMERA_INFO

@@ -14,7 +14,7 @@ enum { POLL_MILLISECONDS = 100, NICER = 5 };
 
 } // namespace
 
-/* Of the model that is loaded; nothing while nobody looks. */
+/* Renderer of the loaded model; empty without subscribers. */
 struct CameraOutput::View {
     std::shared_ptr<const Loaded> loaded;
     std::shared_ptr<const Snapshot> shown;
@@ -43,7 +43,7 @@ struct CameraOutput::View {
     }
 };
 
-/* Both eyes of a stereo camera look at the same time, from one pose, at the same moment of the tissue: their pictures carry one stamp. */
+/* Both eyes of a stereo camera use one pose and one snapshot of the tissue, and their images carry one time stamp. */
 struct CameraOutput::Camera {
     CameraParameters parameters;
     std::vector<std::unique_ptr<CameraEye>> eyes;
@@ -90,7 +90,8 @@ void CameraOutput::look(Camera *camera, View *view, const std::shared_ptr<const 
 void CameraOutput::run()
 {
 #ifdef __linux__
-    setpriority(PRIO_PROCESS, 0, NICER); /* of this thread and those that it starts: steps go first */
+    /* Lower the priority of this thread and its child threads, so that simulation steps run first. */
+    setpriority(PRIO_PROCESS, 0, NICER);
 #endif
     Snapshots::Reader reader(snapshots_);
     std::shared_ptr<const Snapshot> newest;
@@ -101,14 +102,15 @@ void CameraOutput::run()
         reader.want(wanted);
         if (!wanted) {
             newest.reset();
-            view.drop(); /* what nobody looks at holds no memory */
+            view.drop(); /* release the memory while there are no subscribers */
             problem_.set("");
             std::this_thread::sleep_for(most);
             continue;
         }
         if (std::shared_ptr<const Snapshot> next = reader.wait(wait)) newest = next;
         if (!newest) continue;
-        /* a camera moves while the tissue rests; what one cannot be given, others are */
+        /* A camera may move while the tissue rests, so every camera is rendered at its rate. An error of one camera
+         * does not stop the others. */
         std::string problem;
         bool looked = false;
         for (const std::unique_ptr<Camera> &camera : cameras_) {

@@ -1,5 +1,5 @@
-/* What cameras see of the tissue: pictures, depth, tissues under pixels, points, with their calibration. In a thread of its own, and only what
-   somebody subscribes to. */
+/* Render the tissue as cameras see it: colour, depth, label images, and points, with their calibration. A separate
+ * thread renders only the subscribed topics. */
 #ifndef PLIANT_ROS_OUTPUT_CAMERA_OUTPUT_H
 #define PLIANT_ROS_OUTPUT_CAMERA_OUTPUT_H
 
@@ -22,7 +22,7 @@ public:
     ~CameraOutput();
 
     std::string problem() const { return problem_.get(); }
-    /* Pictures that were drawn so far. */
+    /* Return the number of rendered images. */
     uint64_t drawn() const { return drawn_; }
     bool any() const { return !cameras_.empty(); }
 
@@ -36,7 +36,7 @@ private:
     Snapshots *snapshots_;
     const std::shared_ptr<const tf2_ros::Buffer> frames_;
     std::vector<std::unique_ptr<Camera>> cameras_;
-    double fastest_ = 0; /* rate of a camera [Hz] */
+    double fastest_ = 0; /* maximum rate of all cameras [Hz] */
     std::atomic<uint64_t> drawn_{0};
     std::atomic<bool> stopping_{false};
     Problem problem_;

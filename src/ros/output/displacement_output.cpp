@@ -12,7 +12,7 @@ namespace {
 
 enum { MAX_RATE = 5 /* [Hz] */, POLL_MILLISECONDS = 100, MAX_POINTS = 32 /* along an axis */ };
 
-/* The scan's box in fewer, cubic voxels. */
+/* Return a grid of fewer, cubic voxels that covers the scan. */
 pliant_geometry coarse_grid(const pliant_geometry &scan)
 {
     pliant_geometry out = scan;

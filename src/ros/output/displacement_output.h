@@ -1,4 +1,4 @@
-/* The topic displacement: where tissue has moved, on a coarse grid, while somebody subscribes. */
+/* The topic displacement: tissue displacements on a coarse grid, published while there are subscribers. */
 #ifndef PLIANT_ROS_OUTPUT_DISPLACEMENT_OUTPUT_H
 #define PLIANT_ROS_OUTPUT_DISPLACEMENT_OUTPUT_H
 

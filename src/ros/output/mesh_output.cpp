@@ -9,7 +9,7 @@ namespace {
 enum {
     VIEW_RATE = 10 /* marker and points [Hz] */,
     POLL_MILLISECONDS = 100,
-    STATE_QUEUE = 64 /* a recorder that is held up for a second misses none */
+    STATE_QUEUE = 64 /* a recorder that stalls for one second loses no state */
 };
 
 } // namespace
@@ -66,7 +66,7 @@ void MeshOutput::publish_topology(const Loaded &loaded, const pliant_body &body,
 
 void MeshOutput::follow_topology(const Snapshot &snapshot)
 {
-    /* a snapshot of a model that is no longer, or not yet, shown is about to be followed by others */
+    /* A snapshot of a model that is not displayed is skipped; snapshots of the displayed model follow. */
     if (snapshot.loaded.get() == shown_ && snapshot.revision != topology_revision_)
         publish_topology(*snapshot.loaded, *snapshot.body, snapshot.revision, snapshot.stamp);
 }
@@ -115,7 +115,8 @@ bool MeshOutput::is_published(const Snapshot &snapshot) const
     return state_stamp_ == snapshot.stamp && state_step_ == snapshot.step;
 }
 
-/* Steps begin anew after a reset, and stamps where a clock goes back. */
+/* Return whether the state of a later step is already published. The step number alone decides nothing, because it
+ * restarts at a reset; neither does the time stamp, because a clock can be set back. */
 bool MeshOutput::is_late(const Snapshot &snapshot) const
 {
     return state_loaded_ == snapshot.loaded.get() && snapshot.stamp < state_stamp_ && snapshot.step < state_step_;
@@ -148,7 +149,7 @@ void MeshOutput::publish(const Snapshot &snapshot)
     std::unique_lock<std::mutex> hold(lock_);
     const double rate = live_->get().mesh_rate;
     bool state_due = state_.getNumSubscribers() > 0 && !is_published(snapshot) && !is_late(snapshot) && state_rate_.due(rate);
-    /* while a blade cuts, every step has another topology: no more of them than of states */
+    /* While a blade cuts, the topology changes in every step. Publish it at most as often as states. */
     if (state_due || (state_.getNumSubscribers() == 0 && topology_rate_.due(rate))) follow_topology(snapshot);
     if (!state_due && !marker_due && !points_due) return;
     boost::shared_ptr<MeshState> state = state_of(snapshot);

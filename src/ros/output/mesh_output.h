@@ -1,5 +1,5 @@
-/* The mesh as messages: scan_info on load, topology on load and where the body changes, states and stock-rviz views while somebody
-   subscribes. */
+/* Publish the mesh: scan_info when a scan is loaded, the topology when it changes, and states and rviz markers while
+ * there are subscribers. */
 #ifndef PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
 #define PLIANT_ROS_OUTPUT_MESH_OUTPUT_H
 
@@ -20,11 +20,12 @@ public:
     MeshOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots);
     ~MeshOutput();
 
-    /* Latched: scan_info and mesh/topology of a model that was just put in. */
+    /* Publish scan_info and mesh/topology (both latched) of a newly loaded model. */
     void publish_model(const Loaded &loaded);
-    /* The state of this very step, whatever its rate: its volume is about to be shown, and whoever records states must
-       be able to make the same one. Once a step; any thread. false: the state of a later step is sent already, and who
-       records them wants them in order: that one is to be shown */
+    /* Publish the state of this step regardless of the rate, because the volume of this step is about to be published.
+     * A recorder needs the state to reproduce that volume. Call once per step. Thread-safe. Return false if the state
+     * of a later step is already published. The caller then publishes the volume of the later step, so that recorded
+     * states stay in order. */
     bool publish_state(const Snapshot &snapshot);
     std::string problem() const { return problem_.get(); }
 
@@ -35,7 +36,7 @@ private:
     bool is_published(const Snapshot &snapshot) const;
     bool is_late(const Snapshot &snapshot) const;
     void publish_topology(const Loaded &loaded, const pliant_body &body, uint32_t revision, const ros::Time &stamp);
-    /* of this snapshot, unless it is there; before its state */
+    /* Publish the topology of this snapshot if subscribers do not have it; call before its state is published. */
     void follow_topology(const Snapshot &snapshot);
     void send_state(const Snapshot &snapshot, const boost::shared_ptr<MeshState> &state);
     boost::shared_ptr<MeshState> state_of(const Snapshot &snapshot) const;
@@ -45,11 +46,11 @@ private:
     Live *live_;
     Snapshots *snapshots_;
     ros::Publisher scan_info_, topology_, state_, marker_, points_;
-    std::mutex lock_; /* of the states and the topology */
-    const Loaded *shown_ = nullptr; /* that the latched topology is of, and its revision there */
+    std::mutex lock_; /* guards states and topology */
+    const Loaded *shown_ = nullptr; /* model and revision of the latched topology */
     uint32_t topology_revision_ = 0;
-    std::shared_ptr<const pliant_surface> surface_; /* the newest that was asked for */
-    const Loaded *state_loaded_ = nullptr; /* of the last state that was sent */
+    std::shared_ptr<const pliant_surface> surface_; /* most recent requested surface */
+    const Loaded *state_loaded_ = nullptr; /* model of the last published state */
     ros::Time state_stamp_;
     uint64_t state_step_ = 0;
     Rate state_rate_, topology_rate_, marker_rate_, points_rate_;

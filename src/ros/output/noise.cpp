@@ -10,7 +10,8 @@ namespace pliant_ros {
 namespace {
 
 const size_t MAX_SAMPLES = 200000;
-/* standard deviation of x[i-1] - 2 x[i] + x[i+1], times the median absolute value of a normal distribution */
+/* Standard deviation of x[i-1] - 2 x[i] + x[i+1] for white noise of standard deviation 1, times the median absolute
+ * value of a standard normal variable. */
 const double MEDIAN_OF_WHITE_NOISE = std::sqrt(6.0) * 0.6744897501960817;
 
 } // namespace

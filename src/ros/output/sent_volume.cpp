@@ -26,7 +26,7 @@ template <class Voxel> bool differs_by(const void *a, const void *b, const int32
     return false;
 }
 
-/* Voxels of a brick inside a region. */
+/* Return the voxels of a brick that lie inside a region. */
 Box box_of_brick(const int32_t size[3], size_t brick, const Box &region)
 {
     size_t count[2];

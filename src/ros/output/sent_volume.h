@@ -1,4 +1,5 @@
-/* What subscribers of the deformed volume have, and which bricks differ from that by the scan's noise or more. */
+/* Voxel values that subscribers of the deformed volume have received. The class selects the bricks that differ from
+ * these values by the scan's noise or more. */
 #ifndef PLIANT_ROS_OUTPUT_SENT_VOLUME_H
 #define PLIANT_ROS_OUTPUT_SENT_VOLUME_H
 
@@ -9,17 +10,20 @@
 
 namespace pliant_ros {
 
-/* Bricks in which all voxels have changed by less than a threshold wait until the tissue rests. Not thread-safe. */
+/* If all voxels of a brick have changed by less than a threshold, the brick is sent when the tissue rests. Not
+ * thread-safe. */
 class SentVolume {
 public:
-    /* Begin with another volume, of which nothing was sent. threshold: in values of the scan; 0: every change is sent. */
+    /* Start a new volume of which nothing was sent.
+     * threshold: in values of the scan; 0: every change is sent */
     void start(double threshold, const Box &region);
-    /* Of the bricks that changed, keep those to be sent: a voxel inside the region differs from the one sent by the threshold or more, or
-     * by anything if the tissue rests. The other ones wait. *bricks: one byte per brick. */
+    /* Select the bricks to send among the changed ones. A brick is selected if a voxel inside the region differs from
+     * the sent value by the threshold or more. If the tissue rests, any difference counts. The other bricks wait.
+     * bricks: input and output, one byte per brick */
     void select(const pliant_volume &volume, bool rests, std::vector<uint8_t> *bricks);
-    /* Whether bricks wait for the tissue to rest. */
+    /* Return whether bricks wait for the tissue to rest. */
     bool owes() const { return owes_; }
-    /* This box was sent. */
+    /* Record that this box was sent. */
     void keep(const pliant_volume &volume, const Box &box);
 
 private:
@@ -27,8 +31,8 @@ private:
 
     double threshold_ = 0;
     Box region_{};
-    std::vector<uint8_t> sent_;  /* voxels as they were sent; empty before the first box, and without a threshold */
-    std::vector<uint8_t> waits_; /* bricks */
+    std::vector<uint8_t> sent_;  /* voxel values as sent; empty before the first box and without a threshold */
+    std::vector<uint8_t> waits_; /* whether a brick waits, one byte per brick */
     bool owes_ = false;
 };
 

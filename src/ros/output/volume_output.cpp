@@ -31,7 +31,7 @@ VolumeOutput::~VolumeOutput()
 {
     stopping_ = true;
     thread_.join();
-    /* before what their callbacks write */
+    /* Stop the subscriber callbacks before the members that they write are destroyed. */
     preview_.shutdown();
     for (ros::Publisher &slice : slices_) slice.shutdown();
     for (ros::Publisher &slice : placed_) slice.shutdown();
@@ -50,7 +50,7 @@ void VolumeOutput::run()
         bool wanted = stream_.wanted() || preview_wanted() || slice_wanted();
         reader.want(wanted);
         if (!wanted) {
-            drop(); /* what nobody looks at holds no memory */
+            drop(); /* release the memory while there are no subscribers */
             problem_.set("");
             std::this_thread::sleep_for(std::chrono::milliseconds(POLL_MILLISECONDS));
             continue;
@@ -96,10 +96,10 @@ void VolumeOutput::publish(const std::shared_ptr<const Snapshot> &newest)
     bool is_new = !warped_ || warped_->loaded() != snapshot.loaded.get();
     bool changed = false;
     if (is_new || snapshots_->keeps_all() || warp_rate_.due(settings.warp_rate)) {
-        if (mesh_output_ && !mesh_output_->publish_state(snapshot)) return; /* a later one is on its way */
+        if (mesh_output_ && !mesh_output_->publish_state(snapshot)) return; /* a later step follows */
         if (is_new) {
             shown_now_.reset();
-            warped_.reset(); /* before the next one takes its memory */
+            warped_.reset(); /* free its memory before the next volume is allocated */
             warped_.reset(new Warped(snapshot.loaded, snapshot.body));
             stream_.start();
         }
@@ -141,7 +141,7 @@ void VolumeOutput::publish_preview(const Snapshot &snapshot, bool is_new)
     publish_urgently(preview_, message);
 }
 
-/* A slice is sent again when the volume or its place has changed, or somebody new looks. */
+/* Publish the slices again if the volume or the slice position has changed, or if a new subscriber has connected. */
 void VolumeOutput::publish_slices(const ros::Time &stamp, const LiveSettings &settings, bool is_new)
 {
     bool moved = !std::equal(shown_, shown_ + 3, settings.slice);

@@ -1,4 +1,4 @@
-/* The deformed volume and its slices, made in a thread of their own and only while somebody subscribes. */
+/* Publish the deformed volume and its slices. A separate thread computes them while there are subscribers. */
 #ifndef PLIANT_ROS_OUTPUT_VOLUME_OUTPUT_H
 #define PLIANT_ROS_OUTPUT_VOLUME_OUTPUT_H
 
@@ -17,13 +17,14 @@ namespace pliant_ros {
 
 class VolumeOutput {
 public:
-    /* Of every snapshot where all are kept, else of some, at the rate of the live settings.
-       mesh_output Nullable: it publishes the state of every volume that is shown. */
+    /* Process every snapshot if all are kept, otherwise at the rate of the live settings.
+     * mesh_output: Nullable; publishes the state of every published volume */
     VolumeOutput(ros::NodeHandle handle, const Parameters &parameters, Live *live, Snapshots *snapshots,
                  MeshOutput *mesh_output);
     ~VolumeOutput();
 
-    /* Show what draws the volume that subscribers see, and the positions that made it, to a function; false: there is none now. */
+    /* Call a function with the displayed volume and the positions from which it was computed. Return false if there is
+     * no volume. */
     bool look(const std::function<void(const Warped &, const Snapshot &)> &function);
     std::string problem() const { return problem_.get(); }
     const VolumeStream &stream() const { return stream_; }
@@ -33,7 +34,7 @@ private:
     bool slice_wanted() const;
     void drop();
     void publish(const std::shared_ptr<const Snapshot> &snapshot);
-    /* What is still wanted of the last one, while no other comes. */
+    /* Publish the pending parts of the last volume while no new snapshot arrives. */
     void publish_again();
     bool preview_wanted() const { return preview_.getNumSubscribers() > 0; }
     void publish_preview(const Snapshot &snapshot, bool is_new);
@@ -49,10 +50,10 @@ private:
     ros::Publisher preview_, slices_[3], placed_[3];
     std::atomic<bool> preview_fresh_{false}, slices_fresh_{false}, stopping_{false};
     Rate warp_rate_, slice_rate_;
-    std::mutex lock_; /* of the warp, and of what made it */
+    std::mutex lock_; /* guards warped_ and shown_now_ */
     std::unique_ptr<Warped> warped_;
     std::shared_ptr<const Snapshot> shown_now_;
-    double shown_[3] = {-1, -1, -1}; /* where the slices published last lie */
+    double shown_[3] = {-1, -1, -1}; /* positions of the last published slices */
     uint64_t preview_sequence_ = 0, placed_sequence_[3] = {};
     Problem problem_;
     std::thread thread_;

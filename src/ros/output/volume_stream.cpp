@@ -14,13 +14,14 @@ namespace pliant_ros {
 namespace {
 
 enum {
-    MOST_BOXES = 8,       /* that one update is sent as */
-    REPLAY_QUEUE = 1024   /* states come as fast as a bag is played, and none is to be missed */
+    MOST_BOXES = 8,       /* maximum number of boxes per update */
+    REPLAY_QUEUE = 1024   /* large enough that no state of a replayed bag is lost */
 };
-const std::chrono::milliseconds patience(100);  /* that a slow subscriber holds up the others for */
-const std::chrono::seconds forgotten_after(60); /* who is that far behind gets the whole once it is ready */
+const std::chrono::milliseconds patience(100);  /* maximum time for which a slow subscriber delays the others */
+/* a subscriber with a larger delay receives the whole volume as soon as it is ready */
+const std::chrono::seconds forgotten_after(60);
 const double resend_rate = 1;                   /* [Hz] */
-const std::chrono::milliseconds rests_after(200); /* without any change: then small changes are sent, too */
+const std::chrono::milliseconds rests_after(200); /* time without any change after which small changes are sent, too */
 
 bool any(const std::vector<uint8_t> &bricks)
 {
@@ -46,7 +47,7 @@ VolumeStream::VolumeStream(ros::NodeHandle handle, const Parameters &parameters,
 
 VolumeStream::~VolumeStream()
 {
-    /* before what their callbacks write */
+    /* Stop the subscriber callbacks before the members that they write are destroyed. */
     resend_.shutdown();
     publisher_.shutdown();
 }
@@ -121,7 +122,7 @@ void VolumeStream::send(const Warped &warped, const Snapshot &snapshot)
     is_behind_ = !pending_.empty();
 }
 
-/* What is sent while nobody holds anything is written at once by every link: no newer message takes its place. */
+/* If no link holds an older message, every link writes this message at once, and no later message can replace it. */
 void VolumeStream::send_whole(const Warped &warped, const Snapshot &snapshot, bool held)
 {
     publish(warped, snapshot, region_);
@@ -176,13 +177,13 @@ void VolumeStream::publish(const Warped &warped, const Snapshot &snapshot, const
         publish_urgently(publisher_, message);
         return;
     }
-    /* as Publisher::publish, which does not tell what links still hold */
+    /* Publish in the same way as Publisher::publish, which does not report which messages the links still hold. */
     ros::SerializedMessage serialized;
     serialized.type_info = &typeid(Volume);
     serialized.message = message;
     if (is_held()) held_.emplace_back(last_, last_bytes_);
     last_.reset();
-    /* and before, not while it holds what all publications go through */
+    /* Serialize before publishing, because TopicManager::publish holds a lock that all publishers share. */
     ros::SerializedMessage made;
     bool over_links = false, in_process = false;
     ros::TopicManager &topics = *ros::TopicManager::instance();

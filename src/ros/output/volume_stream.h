@@ -1,7 +1,8 @@
-/* The topic `volume`: what has changed, to whoever is ready for it. A subscriber that is slow gets fewer and larger boxes, never a queue of
-   old ones: a link holds at most what is being written and one message that waits, and a newer one takes that one's place. So that nothing
-   is lost by that, a box has all that changed since the last message that every link has surely written. Bricks that changed by less than the
-   scan's noise are sent once the tissue rests. */
+/* The topic `volume` sends changed voxels to each subscriber that is ready. A slow subscriber receives fewer and larger
+ * boxes instead of a queue of old ones. A link (connection to a subscriber) holds at most two messages: one is being
+ * written and one waits. A newer message replaces the waiting one. To lose no change, a box covers all changes since
+ * the last message that every link has certainly written. Bricks that changed by less than the scan's noise are sent
+ * when the tissue rests. */
 #ifndef PLIANT_ROS_OUTPUT_VOLUME_STREAM_H
 #define PLIANT_ROS_OUTPUT_VOLUME_STREAM_H
 
@@ -20,23 +21,25 @@ namespace pliant_ros {
 
 class VolumeStream {
 public:
-    /* keeps_all: every change is sent at once, and all of them wait for who is slow. */
+    /* keeps_all: send every change at once; all subscribers wait for the slowest one. */
     VolumeStream(ros::NodeHandle handle, const Parameters &parameters, bool keeps_all);
     ~VolumeStream();
     bool wanted() const { return publisher_.getNumSubscribers() > 0; }
-    /* Another volume from now on, or none: the next message is the whole. */
+    /* Start a new volume, or stop. The next message contains the whole volume. */
     void start();
-    /* What the last update of it changed is still to be sent. False: nothing has changed. */
+    /* Add the changes of the volume's last update to the pending ones. Return false if nothing has changed. */
     bool add(const Warped &warped);
-    /* Voxels of subscribers differ from the deformed volume by less than this while the tissue moves, by nothing at rest [values of the scan]. Any thread. */
+    /* Return the bound on the difference between subscribers' voxels and the deformed volume while the tissue moves
+     * [values of the scan]. At rest the difference is zero. Thread-safe. */
     double bound() const { return bound_; }
-    /* Bytes of messages that links still hold. A link holds the one that it writes, and all share the newest one: one more than links. Any thread. */
+    /* Return the number of bytes of messages that links still hold. Each link holds the message that it writes, and all
+     * links share the most recent one. Thread-safe. */
     size_t held_bytes() const { return held_bytes_; }
-    /* What the topic's whole is, once there is any. */
+    /* Return the region of the topic's volume; call after the first add. */
     const Box &region() const { return region_; }
-    /* Something is, and who reads it was not ready. */
+    /* Return whether changes are pending because a subscriber was not ready. */
     bool waits() const { return is_behind_; }
-    /* What is to be sent, as far as somebody is ready for it. */
+    /* Send the pending changes to ready subscribers. */
     void send(const Warped &warped, const Snapshot &snapshot);
 
 private:
@@ -58,18 +61,21 @@ private:
     Rate resend_rate_;
     bool is_behind_ = false;
     Box region_;
-    uint64_t sequence_ = 0, base_ = 0;     /* sent last; the last one that everybody has */
-    boost::shared_array<uint8_t> last_;    /* what was sent last; a link that has not written it holds it, too */
+    /* sequence_: last sent message; base_: last message that every subscriber has */
+    uint64_t sequence_ = 0, base_ = 0;
+    boost::shared_array<uint8_t> last_;    /* last sent message; links that have not written it hold a reference */
     size_t last_bytes_ = 0;
-    std::vector<std::pair<boost::shared_array<uint8_t>, size_t>> held_; /* older ones, with their bytes, that a link has not written yet */
+    /* older messages that links have not written yet, with their size in bytes */
+    std::vector<std::pair<boost::shared_array<uint8_t>, size_t>> held_;
     std::atomic<size_t> held_bytes_{0};
-    Clock::time_point sent_at_{}, clear_at_{}; /* when that was, and when nobody held any */
-    bool gap_ = false;                     /* somebody has one */
-    std::vector<uint8_t> fresh_, unsure_;  /* bricks that no message has yet; that changed since base_ */
-    std::vector<Box> pending_;             /* of the last changes, not yet sent */
+    Clock::time_point sent_at_{}, clear_at_{}; /* time of the last message; last time at which no link held a message */
+    bool gap_ = false;                     /* whether a subscriber misses changes */
+    std::vector<uint8_t> fresh_, unsure_;  /* bricks changed but not sent; bricks changed since base_ */
+    std::vector<Box> pending_;             /* boxes of the last changes that are not sent yet */
     bool has_begun_ = false, rests_ = false;
-    std::atomic<double> bound_{0};         /* that voxels of subscribers may differ by while the tissue moves [values of the scan] */
-    Clock::time_point changed_at_{};       /* the last change of the volume */
+    /* bound on the voxel difference while the tissue moves [values of the scan] */
+    std::atomic<double> bound_{0};
+    Clock::time_point changed_at_{};       /* time of the volume's last change */
     SentVolume sent_;
 };
 

@@ -21,7 +21,7 @@ using XmlRpc::XmlRpcValue;
 const std::chrono::seconds period(1);
 enum { LOOKS_PER_LIST = 16 /* what is advertised later is known then */, NOBODY = -1 };
 
-/* The master's answer; false: none, or a refusal. */
+/* Call the master. Return false if it does not answer or refuses. */
 bool ask(const char *what, const std::vector<std::string> &words, XmlRpcValue *payload)
 {
     XmlRpcValue request, response;
@@ -30,7 +30,7 @@ bool ask(const char *what, const std::vector<std::string> &words, XmlRpcValue *p
     return ros::master::execute(what, request, response, *payload, false);
 }
 
-/* that the master has of this process */
+/* Return the services of this process that the master has registered. */
 std::vector<std::string> registered_services()
 {
     XmlRpcValue state;
@@ -42,7 +42,7 @@ std::vector<std::string> registered_services()
     return out;
 }
 
-/* A call of this process's own interface, as a master would make it. */
+/* Call this process's own slave API as the master does. */
 bool call_own(const char *what, const XmlRpcValue &request, XmlRpcValue *payload)
 {
     std::string host;
@@ -53,7 +53,8 @@ bool call_own(const char *what, const XmlRpcValue &request, XmlRpcValue *payload
     return client.execute(what, request, response) && ros::XMLRPCManager::instance()->validateXmlrpcResponse(what, response, *payload);
 }
 
-/* Whoever publishes on a topic now, and whoever a link to is there: a master that was started anew does not know all of them. */
+/* Update the publishers of a topic: the reported ones and the connected ones. A restarted master does not have all of
+ * them. */
 void tell_publishers(const std::string &topic, XmlRpcValue known)
 {
     std::set<std::string> all;
@@ -95,7 +96,7 @@ void MasterWatch::run()
         hold.unlock();
         try {
             look();
-        } catch (const XmlRpc::XmlRpcException &) { /* no answer of a master's; the next one may be */
+        } catch (const XmlRpc::XmlRpcException &) { /* the master did not answer; try again at the next period */
         }
         hold.lock();
         ends_.wait_for(hold, period, [this] { return stopping_; });
@@ -110,9 +111,9 @@ void MasterWatch::look()
         problem_.set("the master does not answer: links that are there go on, nobody new is found");
         return;
     }
-    const int now = process; /* in a container that is started anew often the same */
+    const int now = process; /* in a container, a restarted master often has the same process ID */
     if (master_ != 0 && (now != master_ || !ask("lookupNode", {ros::this_node::getName()}, &address))) {
-        if (ros::isShuttingDown()) return; /* it is not meant to be known */
+        if (ros::isShuttingDown()) return; /* the node has unregistered itself */
         master_ = NOBODY;
         if (!register_again()) {
             problem_.set("the master was started anew, and has not taken all topics, services and parameters of this node yet");

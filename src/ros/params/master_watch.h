@@ -1,5 +1,6 @@
-/* A master that is started anew knows nobody: links that were made go on, but whoever comes then does not find this process. This looks
- * for that, and makes it known again: its topics, its services and the private parameters that it was started with. */
+/* Register this process again after the ROS master was restarted. A restarted master has no registrations: existing
+ * connections work, but new nodes do not find this process. The class checks the master periodically. It registers
+ * topics, services, and the private parameters with which the process was started. */
 #ifndef PLIANT_ROS_PARAMS_MASTER_WATCH_H
 #define PLIANT_ROS_PARAMS_MASTER_WATCH_H
 
@@ -17,26 +18,27 @@ namespace pliant_ros {
 
 class MasterWatch {
 public:
-    /* To be made once everything is advertised. came_back: Nullable; called by a thread of its own. */
+    /* Create after everything is advertised.
+     * came_back: Nullable; called in a separate thread after a re-registration */
     MasterWatch(ros::NodeHandle private_handle, std::function<void()> came_back);
     ~MasterWatch();
     MasterWatch(const MasterWatch &) = delete;
 
-    /* For a person; empty: the master knows this process. */
+    /* Return a message for the user; empty if the master has this process registered. */
     std::string problem() const { return problem_.get(); }
-    unsigned returns() const { return returns_; } /* so often it was made known again */
+    unsigned returns() const { return returns_; } /* number of re-registrations */
 
 private:
     void run();
     void look();
-    bool register_again(); /* false: the master has not taken all of it */
+    bool register_again(); /* Return false if the master has not accepted all registrations. */
 
     const std::string private_name_;
     const std::function<void()> came_back_;
     XmlRpc::XmlRpcValue parameters_;
     std::vector<std::string> services_;
     unsigned looks_ = 0;
-    int master_ = 0; /* process of the one that knows this one; 0: not known yet, NOBODY: the one that answers does not */
+    int master_ = 0; /* process ID of the master that has this process registered; 0: unknown; NOBODY: not registered */
     Problem problem_;
     std::atomic<unsigned> returns_{0};
     std::mutex lock_;

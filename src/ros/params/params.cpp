@@ -38,7 +38,7 @@ double number(const std::string &name, XmlRpcValue &value, double low, double hi
     return x;
 }
 
-/* 0: none */
+/* 0: no limit */
 double read_rate(const std::string &name, XmlRpcValue &value)
 {
     const double rate = number(name, value, 0, 10000);
@@ -52,7 +52,7 @@ std::string text(const std::string &name, XmlRpcValue &value)
     return value;
 }
 
-/* as pliant_scene_set reads it */
+/* Return an option value as text for pliant_scene_set. */
 std::string option_text(const std::string &name, XmlRpcValue &value)
 {
     char digits[40];
@@ -111,7 +111,7 @@ bool is_option(const std::string &name)
     });
 }
 
-/* a graph resource name without slashes, which becomes part of topic names */
+/* Check a ROS graph name without slashes, which becomes part of topic names. */
 void check_name(const std::string &of, const std::string &what, const std::string &name)
 {
     bool good = !name.empty() && name.size() < sizeof(pliant_tool_state::name) &&
@@ -120,7 +120,7 @@ void check_name(const std::string &of, const std::string &what, const std::strin
     if (!good) refuse("~" + of + ": \"" + name + "\" is no name of a " + what + ": 47 letters, digits and _, a letter first");
 }
 
-/* a list, or "PSM1 PSM2", as a launch argument can give it */
+/* Read a list, or text such as "PSM1 PSM2" from a launch argument. */
 std::vector<std::string> read_names(const std::string &of, XmlRpcValue &value)
 {
     std::vector<std::string> names;
@@ -155,7 +155,7 @@ void read_point(const std::string &name, XmlRpcValue &value, double out[3], doub
     for (int d = 0; d < 3; ++d) out[d] = number(name, value[d], -most, most);
 }
 
-/* a name, or {from: [x, y, z], to: [x, y, z]} */
+/* Read a blade's name, or its edge {from: [x, y, z], to: [x, y, z]}. */
 void read_blade(const std::string &name, XmlRpcValue &value, ToolParameters *tool)
 {
     if (value.getType() == XmlRpcValue::TypeString) {
@@ -169,7 +169,7 @@ void read_blade(const std::string &name, XmlRpcValue &value, ToolParameters *too
     if (!tool->has_blade()) refuse("~" + name + ": from and to are the same point: no edge");
 }
 
-/* a name, a YAML file, or tool_type: as the topic of that name says */
+/* Read a tool shape: a name, a YAML file, or "tool_type" to follow the topic tool_type. */
 void read_shape(const std::string &name, XmlRpcValue &value, ToolParameters *tool)
 {
     const std::string what = text(name, value);
@@ -213,7 +213,7 @@ void read_tool(const std::string &name, XmlRpcValue &value, Parameters *out)
             if (mode != "probe" && mode != "grasp") refuse("~" + path + " is " + mode + "; it must be probe or grasp");
             tool.grasps = mode == "grasp";
         }
-        /* what cuts does not grasp unless it is said to */
+        /* a cutting tool grasps only if `mode` requests it */
         if (tool.has_blade() && !value.hasMember("mode")) tool.grasps = false;
         return;
     }
@@ -267,7 +267,7 @@ void read_camera(const std::string &name, XmlRpcValue &value, Parameters *out)
     refuse("~camera/" + name + ": no camera of this name is in ~cameras");
 }
 
-/* "x y z qx qy qz qw" or a list of the seven */
+/* Read "x y z qx qy qz qw" or a list of the seven numbers. */
 Rigid read_pose(const std::string &name, XmlRpcValue &value)
 {
     std::string list = option_text(name, value);
@@ -295,7 +295,7 @@ pliant_background_kind read_background(XmlRpcValue &value)
     return kind == "live" ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED;
 }
 
-/* "FRAME=FILE ..."; whether the files are there is seen when they are read */
+/* Read "FRAME=FILE ...". The files are opened later. */
 std::string read_hand_eye(const std::string &name, XmlRpcValue &value)
 {
     const std::string out = text(name, value);
@@ -311,7 +311,7 @@ std::string read_hand_eye(const std::string &name, XmlRpcValue &value)
 bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters *out)
 {
     static const char *const planes[] = {"slice/axial", "slice/coronal", "slice/sagittal"};
-    /* ~scan is a path, or the group of the scan's options */
+    /* ~scan is a path or the group of the scan's options */
     bool is_group = value.getType() == XmlRpcValue::TypeStruct;
     if ((name == "scan" && !is_group) || name == "scan/path") out->scan = text(name, value);
     else if (name == "scan_root") out->scan_root = text(name, value);
@@ -337,7 +337,7 @@ bool read_node_parameter(const std::string &name, XmlRpcValue &value, Parameters
     else if (name == "volume_region/high") read_point(name, value, out->volume_high, 100);
     else if (name == "preview_step") out->preview_step = static_cast<int>(number(name, value, 2, 8));
     else if (name == "scene" || name == "tools" || name == "cameras") return true; /* read before all others */
-    else if (name == "respawn") { /* the program's own */
+    else if (name == "respawn") { /* used by the program, not by the node */
         if (value.getType() != XmlRpcValue::TypeBoolean) refuse("~respawn must be true or false");
     }
     else {

@@ -1,4 +1,4 @@
-/* What keeps a thread from its work now: it says so itself, and diagnostics tell. */
+/* A message that a thread sets while it cannot do its work. Diagnostics publish it. */
 #ifndef PLIANT_ROS_PARAMS_PROBLEM_H
 #define PLIANT_ROS_PARAMS_PROBLEM_H
 
@@ -9,7 +9,7 @@ namespace pliant_ros {
 
 class Problem {
 public:
-    /* Empty: none. */
+    /* An empty text means that there is no problem. */
     void set(const std::string &text)
     {
         std::lock_guard<std::mutex> hold(lock_);

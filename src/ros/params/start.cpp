@@ -7,7 +7,8 @@ namespace pliant_ros {
 
 namespace {
 
-/* A step that fails, fails fifty times a second. Called one at a time. */
+/* Log a message of the library. Messages are throttled because a failing step fails at every step. Not called
+ * concurrently. */
 void log_line(pliant_log_level level, const char *message, void *)
 {
     static std::string last;

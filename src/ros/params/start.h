@@ -1,4 +1,4 @@
-/* What every node of Pliant does at its start. */
+/* Start-up functions shared by the nodes. */
 #ifndef PLIANT_ROS_PARAMS_START_H
 #define PLIANT_ROS_PARAMS_START_H
 
@@ -11,19 +11,19 @@
 
 namespace pliant_ros {
 
-/* A parameter is wrong: starting again would not help. The message is for a person. */
+/* A parameter is wrong, so a restart would fail as well. The message addresses the user. */
 class WrongParameter : public std::runtime_error {
 public:
     using std::runtime_error::runtime_error;
 };
 
-/* Log lines of the library go to rosconsole; one line a second of the same text at most. */
+/* Send log messages of the library to rosconsole. The same text appears at most once per second. */
 void log_to_rosconsole();
 
-/* Throws WrongParameter. */
+/* Throw WrongParameter. */
 Parameters parameters_of(const ros::NodeHandle &private_handle);
 
-/* The tissue in its parent frame, now. */
+/* Return the pose of the tissue in its parent frame, stamped with the current time. */
 geometry_msgs::TransformStamped tissue_transform(const Parameters &parameters);
 
 } // namespace pliant_ros

@@ -1,5 +1,5 @@
-/* pliant_bag: a recorded session and its scan in; deformed volumes at chosen times, its steps made again, and tables out. No master is
-   needed. */
+/* pliant_bag: read a recorded session and its scan; write deformed volumes at chosen times, recompute the steps, and
+ * write tables. No ROS master is needed. */
 #include "ros/record/bag_arguments.h"
 #include "ros/record/export.h"
 #include "ros/record/message.h"
@@ -9,7 +9,7 @@
 #include "ros/sim/session.h"
 #include "ros/output/warped.h"
 
-#include "programs/command_line.h" /* the exit codes */
+#include "programs/command_line.h" /* exit codes */
 #include "programs/console.h"
 #include "programs/python_run.h"
 
@@ -47,7 +47,7 @@ class Extraction {
 public:
     explicit Extraction(const BagArguments &arguments) : arguments_(arguments) {}
     void run();
-    /* what was done, for a person */
+    /* Return a text for the user about the written files. */
     std::string summary() const;
 
 private:
@@ -77,18 +77,19 @@ private:
     const BagArguments &arguments_;
     rosbag::Bag bag_;
     ros::Time start_, end_;
-    std::map<uint32_t, Session> sessions_; /* by the revision at load; empty: the arguments say what the model is */
+    std::map<uint32_t, Session> sessions_; /* by the revision at load; empty: the arguments define the model */
     std::unique_ptr<Shelf> shelf_;
     std::shared_ptr<const Loaded> loaded_;
-    uint32_t load_ = 0; /* revision at load of that, with sessions */
-    std::map<uint32_t, std::string> differs_; /* by revision; empty: it is known here */
-    std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* those */
+    uint32_t load_ = 0; /* revision at load of loaded_, if there are sessions */
+    /* reason why the mesh of a revision cannot be reproduced; empty: it can */
+    std::map<uint32_t, std::string> differs_;
+    std::map<uint32_t, std::shared_ptr<const pliant_body>> bodies_; /* by revision */
     std::unique_ptr<Warped> warped_;
     std::shared_ptr<const Loaded> warped_of_;
     std::shared_ptr<const pliant_surface> surface_;
     std::unique_ptr<Rerun> rerun_;
     int written_ = 0;
-    std::string exported_; /* what was, for a person */
+    std::string exported_; /* text for the user about the export */
 };
 
 void Extraction::open()
@@ -111,7 +112,7 @@ void Extraction::read_sessions()
     shelf_.reset(new Shelf(arguments_.scan, arguments_.scene.material.labels));
 }
 
-/* The model that a revision of the mesh is of, and what is known of its bodies. */
+/* Load the model of a mesh revision, and discard the bodies of another model. */
 void Extraction::load(uint32_t revision)
 {
     auto after = sessions_.upper_bound(revision);
@@ -135,7 +136,7 @@ void Extraction::load(uint32_t revision)
     else if (arguments_.simulate) rerun_.reset(new Rerun(loaded_));
 }
 
-/* of this load, below that revision */
+/* Read the topologies of this load with lower revisions than `end`. */
 void Extraction::read_topologies(uint32_t end)
 {
     rosbag::View view(bag_, rosbag::TopicQuery(topic("mesh/topology")));
@@ -211,7 +212,7 @@ void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *
 {
     rosbag::View::iterator next = states->begin(), newest = next;
     for (double time : times) {
-        /* a nanosecond of slack: times are written in decimals */
+        /* tolerance of one nanosecond, because times are written in decimals */
         for (; next != states->end() && since_start(next->getTime()) <= time + 1e-9; ++next) newest = next;
         if (console_stop_asked()) throw Stopped();
         write(time, *snapshot(time, *newest));
@@ -220,7 +221,7 @@ void Extraction::write_recorded(const std::vector<double> &times, rosbag::View *
     console_progress_end();
 }
 
-/* A volume is that after the newest step by its time. */
+/* Write the volumes at the given times. Each volume shows the most recent step. */
 void Extraction::write_simulated(const std::vector<double> &times, rosbag::View *steps)
 {
     auto time = times.begin();
@@ -258,7 +259,7 @@ void Extraction::write_steps()
     write_table<Step>(&view, &table);
 }
 
-/* of tools wherever they are */
+/* Write the cuts of all tools. */
 void Extraction::write_cuts()
 {
     rosbag::View view(bag_, rosbag::TypeQuery(ros::message_traits::DataType<Cut>::value()));
@@ -277,7 +278,7 @@ void Extraction::write_arrays()
     exported_ += "LeRobot's layout of them in " + arguments_.folder + "\n";
 }
 
-/* By the program of Python beside this one. */
+/* Convert the arrays with the Python program pliant_lerobot in the same folder. */
 void Extraction::write_lerobot(const std::string &arrays) const
 {
     char own[4096];
@@ -342,7 +343,7 @@ int main(int argc, char **argv)
         return EXIT_STOPPED;
     } catch (const std::exception &failed) {
         console_progress_end();
-        /* the library's own have been told */
+        /* errors of the library are already printed */
         if (std::strcmp(failed.what(), pliant_last_error()) != 0) std::fprintf(stderr, "error: %s\n", failed.what());
         return console_stop_asked() ? EXIT_STOPPED : EXIT_FAILED;
     }

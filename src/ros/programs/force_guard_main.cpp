@@ -1,12 +1,15 @@
-/* The only way from the simulation's forces to a surgeon's hand: a process of its own, without a GPU and without a scan, that passes them on
- * while everything is as it should be and sends zeros where it is not (ros/guard/guard.h has the table). Off unless ~haptic is true.
+/* Forward the simulation's forces to a surgeon's hand while all gates are open, otherwise send zeros (state table in
+ * ros/guard/guard.h). This separate process needs neither a GPU nor a scan, and it is the only path for forces to a
+ * hand. It forwards nothing unless ~haptic is true.
  *
- * In, in the tissue's namespace: <tool>/measured_cf, <tool>/measured_cp, state, timing; following (std_msgs/Bool of the teleoperation, to be
- * remapped). Out: servo_cf (geometry_msgs/WrenchStamped) and set_cf_orientation_absolute (std_msgs/Bool, latched), to be remapped to the
- * hand controller's; /diagnostics.
- * Private parameters: tool, haptic (false), needs_following (true), gain, max_force [N], max_rate [N/s], cutoff [Hz], ramp [s], tail [s],
- * timeout [s], max_error [m; below 0: any], rate (200) [Hz], diagnostic_period (1) [s]. With a wrong one it goes on, in FAULT: it listens to
- * nobody, sends zeros and no force, and diagnostics say what is wrong. One that ended would be started again without end. */
+ * Subscribed topics, in the tissue's namespace: <tool>/measured_cf, <tool>/measured_cp, state, timing. Remap following
+ * (std_msgs/Bool) to the teleoperation's topic.
+ * Published topics: servo_cf (geometry_msgs/WrenchStamped) and set_cf_orientation_absolute (std_msgs/Bool, latched), to
+ * be remapped to the hand controller's topics; /diagnostics.
+ * Private parameters: tool, haptic (false), needs_following (true), gain, max_force [N], max_rate [N/s], cutoff [Hz],
+ * ramp [s], tail [s], timeout [s], max_error [m; below 0: no limit], rate (200) [Hz], diagnostic_period (1) [s].
+ * With a wrong parameter the node enters FAULT: it ignores its inputs, sends zeros, and reports the error in
+ * diagnostics. It does not exit, because it would be restarted endlessly. */
 #include "pliant/ros/convert.h"
 #include "ros/guard/guard_parameters.h"
 #include "ros/params/master_watch.h"
@@ -28,7 +31,7 @@ namespace {
 
 volatile std::sig_atomic_t stop = 0;
 void on_signal(int) { stop = 1; }
-/* rosnode kill: zeros go out before the connections end */
+/* Handle `rosnode kill`: zeros are sent before the connections close. */
 void on_shutdown(XmlRpc::XmlRpcValue &parameters, XmlRpc::XmlRpcValue &result)
 {
     if (parameters.getType() == XmlRpc::XmlRpcValue::TypeArray && parameters.size() > 1) stop = 1;
@@ -37,7 +40,8 @@ void on_shutdown(XmlRpc::XmlRpcValue &parameters, XmlRpc::XmlRpcValue &result)
 
 double monotonic() { return ros::SteadyTime::now().toSec(); }
 
-/* What the gates look at. `frame`: of the forces that came last. */
+/* Subscribe to the inputs of the gates.
+ * frame: set to the frame of the last force */
 std::vector<ros::Subscriber> listen(ros::NodeHandle handle, const std::string &tool, pliant_ros::Guard *guard, std::string *frame)
 {
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
@@ -106,7 +110,8 @@ int main(int argc, char **argv)
     std::vector<ros::Subscriber> heard_of;
     if (wrong.empty()) heard_of = listen(handle, parameters.tool, &guard, &frame);
     else guard.fault(wrong);
-    /* whoever comes once it is closed feels the last force of a guard before it still; the zeros so far went to others */
+    /* A hand that connects while the guard is closed may still apply the last force of an earlier guard, and it has
+     * missed the zeros sent so far. */
     const ros::SubscriberStatusCallback comes = [&](const ros::SingleSubscriberPublisher &hand) {
         const bool moves = guard.state() == pliant_ros::GuardState::RISING || guard.state() == pliant_ros::GuardState::OPEN;
         const double zero[3] = {0, 0, 0};
@@ -115,7 +120,7 @@ int main(int argc, char **argv)
     ros::Publisher out = handle.advertise<geometry_msgs::WrenchStamped>("servo_cf", 1, comes);
     ros::Publisher absolute = handle.advertise<std_msgs::Bool>("set_cf_orientation_absolute", 1, true);
     if (enabled) {
-        std_msgs::Bool yes; /* forces are in the axes of the arm's reference frame, not in those of the hand */
+        std_msgs::Bool yes; /* forces use the axes of the arm's reference frame, not the hand's axes */
         yes.data = true;
         absolute.publish(yes);
     }
@@ -131,7 +136,7 @@ int main(int argc, char **argv)
         status.add("updates held back by max_force or max_rate", guard.clamped());
     });
 
-    bool heard = false; /* by a hand controller: the first it gets are zeros */
+    bool heard = false; /* whether a hand controller is connected; its first messages are zeros */
     for (ros::WallRate turn(parameters.rate); ros::ok() && !stop; turn.sleep()) {
         ros::spinOnce();
         heard = heard || out.getNumSubscribers() > 0;
@@ -142,7 +147,7 @@ int main(int argc, char **argv)
         diagnostics.update();
     }
     if (enabled) out.publish(wrench_of(guard.shut_down().force, frame));
-    ros::WallDuration(0.05).sleep(); /* it is on its way */
+    ros::WallDuration(0.05).sleep(); /* leave time for the last message to be sent */
     ros::shutdown();
     return 0;
 }

@@ -1,7 +1,7 @@
-/* A tool to drag in rviz: an interactive marker whose menu takes hold and lets go, sent as a robot would send it.
+/* Drag a tool in rviz. An interactive marker with a menu (grasp, release) publishes the topics of a robot's tool.
  *
- * Private parameters: tool (name, default grasper), frame (default tissue), rate [Hz, 100], size of the marker
- * [m, 0.08], start ([x, y, z] in the frame [m]; without it, in front of the middle of the mesh). */
+ * Private parameters: tool (name, default grasper), frame (default tissue), rate [Hz, 100], size of the marker [m,
+ * 0.08], start ([x, y, z] in the frame [m]; default: in front of the centre of the mesh). */
 #include "ros/programs/tool_sender.h"
 
 #include <interactive_markers/interactive_marker_server.h>
@@ -43,7 +43,7 @@ public:
     }
 
 private:
-    /* On the foremost (least y: anterior) node near the middle of the mesh, seen from the front. */
+    /* Show the marker at the foremost node (minimum y: anterior) near the centre of the mesh, seen from the front. */
     void show_in_front_of(const pliant::MeshTopologyConstPtr &message)
     {
         const pliant::MeshTopology &mesh = *message;
@@ -61,7 +61,7 @@ private:
             double cost = node[1] + aside + along;
             if (cost >= best) continue;
             best = cost;
-            x = node[0], y = node[1] + 0.002, z = node[2]; /* 2 mm inside */
+            x = node[0], y = node[1] + 0.002, z = node[2]; /* 2 mm below the surface */
         }
         if (best < 1e9) show(x, y, z);
     }
@@ -84,7 +84,7 @@ private:
         for (int axis = 0; axis < 3; ++axis)
             for (bool turns : {false, true}) {
                 InteractiveMarkerControl control;
-                /* x for the first axis; z and y half a turn about the others */
+                /* x for the first axis; z and y by half a turn about the other axes */
                 control.orientation.w = control.orientation.x = axis == 0 ? M_SQRT1_2 : 0;
                 if (axis > 0) control.orientation.w = M_SQRT1_2;
                 if (axis == 1) control.orientation.z = M_SQRT1_2;
@@ -99,7 +99,7 @@ private:
         server_.applyChanges();
     }
 
-    /* a ball at the tip, which drags in the plane of the screen and opens the menu */
+    /* Return a sphere at the tip. Dragging it moves the tool in the screen plane; a click opens the menu. */
     InteractiveMarkerControl body() const
     {
         Marker ball;

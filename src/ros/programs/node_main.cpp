@@ -13,11 +13,13 @@
 int main(int argc, char **argv)
 {
     ros::init(argc, argv, "sim", ros::init_options::NoSigintHandler);
-    stop_on_signals([](int) { ros::requestShutdown(); }); /* also during a load, or a step of a large model */
+    /* works during a load and during a step of a large model, too */
+    stop_on_signals([](int) { ros::requestShutdown(); });
 #ifdef __GLIBC__
-    mallopt(M_MMAP_THRESHOLD, 1 << 20); /* volumes come and go: what is freed goes back to the system, in place of holes in the heap of every thread */
+    /* Return freed volumes to the system instead of fragmenting the heap of every thread. */
+    mallopt(M_MMAP_THRESHOLD, 1 << 20);
 #endif
-    ros::NodeHandle handle, own("~"); /* without one, ROS shuts down, and its console with it */
+    ros::NodeHandle handle, own("~"); /* without a node handle, ROS shuts down together with its console */
     try {
         pliant_ros::Node node(handle, own);
         ros::MultiThreadedSpinner(2).spin();
@@ -26,7 +28,7 @@ int main(int argc, char **argv)
         if (!own.param("respawn", false)) return 1;
         const pliant_ros::Refused refused(handle, own, wrong.what());
         ros::spin();
-    } catch (const std::exception &failed) { /* such as a file that is not there yet: the next start may find it */
+    } catch (const std::exception &failed) { /* for example a missing file, which may exist at the next start */
         ROS_FATAL("%s", failed.what());
         if (own.param("respawn", false)) ros::WallDuration(1).sleep();
         return 1;

@@ -1,7 +1,8 @@
-/* Tells on /diagnostics how a recording goes: rosbag record says nothing there when the disk is full, or when it has ended.
+/* Report the progress of a recording on /diagnostics. rosbag record does not report there that the disk is full or that
+ * it has exited.
  *
- * Private parameters: prefix (path that the names of its bags begin with), min_space (1000) [MB]: with less free the recorder writes no
- * more, which leaves it room to end its bag. */
+ * Private parameters: prefix (path prefix of the bag files), min_space (1000) [MB]: minimum free space. The recorder
+ * stops writing below it, so that it can close its bag. */
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <ros/ros.h>
 
@@ -17,13 +18,14 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-const double megabyte = 1024 * 1024; /* as rosbag counts */
+const double megabyte = 1024 * 1024; /* the same unit as in rosbag */
 
-/* The newest of the bags of a recording. rosbag adds the date, and a number where it splits; another recording's name goes on otherwise. */
+/* Most recent bag of a recording. rosbag appends the date, and a number after a split; a different suffix belongs to
+ * another recording. */
 struct Bag {
     std::string path;
     double megabytes = 0;
-    bool open = false; /* the recorder writes it still */
+    bool open = false; /* the recorder still writes it */
 };
 
 Bag newest(const std::string &prefix)

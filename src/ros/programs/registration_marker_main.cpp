@@ -1,7 +1,9 @@
-/* Where the tissue lies, by dragging it in rviz: an interactive marker in its middle, whose pose goes to the service `register` as pairs of
- * points would, and so into the file that the node keeps. It follows what others register.
+/* Register the tissue by dragging it in rviz. An interactive marker at the tissue's centre sends its pose to the
+ * service `register` as point pairs, and the node stores it in its file. The marker follows registrations by other
+ * clients.
  *
- * Private parameters: parent_frame, tissue_frame (default world, tissue), rate [Hz, 10] at which a marker that is dragged registers. */
+ * Private parameters: parent_frame, tissue_frame (default world, tissue), rate [Hz, 10] at which a dragged marker
+ * registers. */
 #include <interactive_markers/interactive_marker_server.h>
 #include <pliant/Register.h>
 #include <pliant/ScanInfo.h>
@@ -22,7 +24,7 @@ using visualization_msgs::InteractiveMarkerFeedback;
 using visualization_msgs::InteractiveMarkerFeedbackConstPtr;
 
 const char *const NAME = "tissue";
-/* a marker that lies off by less follows nobody [m, and of a turn's quaternion] */
+/* smaller pose differences do not move the marker [m, and quaternion components] */
 const double SAME = 1e-5;
 
 class RegistrationMarker {
@@ -34,7 +36,7 @@ public:
     {
     }
 
-    /* What was dragged is registered; otherwise the marker goes to where the tissue lies. */
+    /* Register a dragged marker. Otherwise move the marker to the tissue. */
     void turn()
     {
         if (size_ <= 0) return;
@@ -47,7 +49,7 @@ public:
     }
 
 private:
-    /* In the scan's middle, along the patient's axes. */
+    /* Show the marker at the centre of the scan, along the patient's axes. */
     void take_scan(const pliant::ScanInfoConstPtr &scan)
     {
         Eigen::Isometry3d origin;
@@ -65,7 +67,7 @@ private:
         Eigen::Isometry3d now;
         try {
             now = tf2::transformToEigen(frames_.lookupTransform(parent_, tissue_, ros::Time(0))) * Eigen::Translation3d(middle_);
-        } catch (const tf2::TransformException &) { /* not placed yet */
+        } catch (const tf2::TransformException &) { /* the tissue has no pose yet */
             return;
         }
         if (is_shown_ && now.isApprox(pose_, SAME)) return;
@@ -105,7 +107,7 @@ private:
         dragged_ = true;
     }
 
-    /* by its middle and three points as far off as the scan is large */
+    /* Register the pose by the centre and three points at a distance of the scan's size. */
     void register_pose()
     {
         pliant::Register call;
@@ -125,9 +127,9 @@ private:
     InteractiveMarkerServer server_;
     ros::ServiceClient service_;
     ros::Subscriber scan_;
-    Eigen::Vector3d middle_ = Eigen::Vector3d::Zero(); /* of the scan, in its axes [m] */
-    double size_ = 0;                                  /* its diagonal; 0: none is loaded */
-    Eigen::Isometry3d pose_ = Eigen::Isometry3d::Identity(); /* of the marker in the parent frame */
+    Eigen::Vector3d middle_ = Eigen::Vector3d::Zero(); /* centre of the scan in its axes [m] */
+    double size_ = 0;                                  /* diagonal of the scan; 0: no scan is loaded */
+    Eigen::Isometry3d pose_ = Eigen::Isometry3d::Identity(); /* pose of the marker in the parent frame */
     bool is_shown_ = false, held_ = false, dragged_ = false;
 };
 

@@ -1,5 +1,6 @@
-/* replay [PLAYER [simulate] [described] [start=SECONDS] [BAG ...]]: the node of replay.h; PLAYER names a paused rosbag play that is to begin once the
- * scan is loaded, and plays these bags from so many seconds on; described: they say what the models are. */
+/* replay [PLAYER [simulate] [described] [start=SECONDS] [BAG ...]]: run the node of replay.h. PLAYER is the name of a
+ * paused rosbag play, which starts once the scan is loaded and plays these bags from SECONDS on. With `described` the
+ * bags define the models. */
 #include "ros/record/replay.h"
 
 #include "programs/stop.h"
@@ -31,7 +32,7 @@ pliant_ros::Playing playing_of(int argc, char **argv)
     return out;
 }
 
-/* Whoever comes next on this master would wait for a clock that nobody sends any more. */
+/* Reset /use_sim_time. The next node on this master would wait for a clock that nobody publishes. */
 void leave_the_clock()
 {
     if (ros::ok() && ros::Time::isSimTime()) ros::param::set("/use_sim_time", false);
@@ -52,7 +53,7 @@ int main(int argc, char **argv)
         leave_the_clock();
         ros::shutdown();
     } catch (const std::exception &wrong) {
-        /* what was stopped by hand is no failure */
+        /* an interruption by the user is no failure */
         if (playing.goes_on()) ROS_FATAL("%s", wrong.what());
         code = playing.goes_on();
         leave_the_clock();

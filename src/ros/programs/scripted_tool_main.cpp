@@ -1,10 +1,10 @@
-/* Plays a recorded tool path (pliant/path.h) as a robot would send it: measured_cp and jaw/measured_js of every tool in
- * it, blade of one that cuts (its edge is the node's parameter ~tool/<name>/blade), and cuts at once by the service. No robot and
- * no display needed.
+/* Play a recorded tool path (pliant/path.h) as a robot would publish it. No robot and no display is needed. Each tool
+ * publishes measured_cp and jaw/measured_js; a cutting tool publishes blade (its edge is the node's parameter
+ * ~tool/<name>/blade). Instant cuts use the service.
  *
- * Private parameters: path (file), frame (of the path's points, default tissue), rate [Hz, 200], loop (true): begin
- * anew after the end; what cuts resets the tissue then. Around the path: lead [s, 1], open jaw at the grasped point; hold [s, 2],
- * where the path ends; rest [s, 2], open jaw there. */
+ * Private parameters: path (file), frame (frame of the path's points, default tissue), rate [Hz, 200], loop (true):
+ * repeat the path, and reset the tissue before each repetition if the path cuts. Times around the path: lead [s, 1],
+ * open jaw at the grasped point; hold [s, 2] at the end of the path; rest [s, 2], open jaw there. */
 #include "ros/programs/tool_sender.h"
 
 #include "pliant/path.h"
@@ -40,7 +40,7 @@ struct Player {
         return path.num_cuts > 0 || std::any_of(path.tools, path.tools + path.num_tools, [](const pliant_path_tool &tool) { return tool.num_cut > 0; });
     }
 
-    /* time: since the simulation began to run [s] */
+    /* time: since the start of the simulation [s] */
     void play(double time)
     {
         double end = lead + pliant_path_end(&path) + hold, round = loop ? std::floor(time / (end + rest)) : 0;

@@ -1,15 +1,22 @@
-/* Arms that speak CRTK as a dVRK console does, for tests and for people without one: /ARM/measured_cp, setpoint_cp, measured_cv and
- * jaw/measured_js at ~rate, operating_state (latched), tf of the arms' bases at half of it; they follow /ARM/servo_cp, move_cp and jaw/servo_jp, no faster than arms do.
+/* Simulate arms with the CRTK interface of a dVRK console, for tests and for users without a robot.
+ * Published per arm: /ARM/measured_cp, setpoint_cp, measured_cv and jaw/measured_js at ~rate, operating_state
+ * (latched), and tf of the arm bases at half the rate.
+ * Subscribed: /ARM/servo_cp, move_cp and jaw/servo_jp, followed with limited speed.
  *
- * Private parameters: arms ("PSM1"), prefix (""), rate (100) [Hz], frame ("ARM_base", where ARM stands for the
- * arm's name), parent ("world"), base ("0 0 0": of the arms in
- * it) [m], tip ("0 0 -0.1": where they begin, in their frame) [m], speed (0.2) [m/s], jaw (true), shake (0: of measured poses) [m],
- * camera ("": none; or the camera's arm, such as ECM: with setup joints poses are in its frame, and local/measured_cp in ARM_base), setup
- * ("0 0 0": of ARM_base in the camera's frame) [m], instrument ("": on tool_type, latched), keyboard (false; true: w s a d r f move the first arm
- * by 2 mm, blank opens and closes its jaw).
- * What can go wrong is switched by /ARM/fault (std_msgs/String): none, silent (a console that has died), invalid (stamp 0), frozen (old
- * stamps), nan, teleport (30 cm off), ahead, behind (its clock, by 10 s), unknown_frame,
- * disabled, paused, not_homed (its operating state). */
+ * Private parameters:
+ * - arms ("PSM1"), prefix (""), rate (100) [Hz], frame ("ARM_base", where ARM is replaced by the arm's name), parent
+ *   ("world")
+ * - base ("0 0 0": position of the arm bases in the parent frame) [m], tip ("0 0 -0.1": initial tip position in the
+ *   arm's frame) [m]
+ * - speed (0.2) [m/s], jaw (true), shake (0: amplitude of noise in measured poses) [m]
+ * - camera ("": none; or the name of the camera arm, such as ECM: poses are then in its frame, as with setup joints,
+ *   and local/measured_cp is in ARM_base)
+ * - setup ("0 0 0": position of ARM_base in the camera's frame) [m], instrument ("": published on tool_type, latched)
+ * - keyboard (false; true: w s a d r f move the first arm by 2 mm, space opens and closes its jaw)
+ *
+ * /ARM/fault (std_msgs/String) simulates faults: none, silent (no messages), invalid (stamp 0), frozen (old stamps),
+ * nan, teleport (by 30 cm), ahead or behind (clock off by 10 s), unknown_frame, disabled, paused, not_homed (operating
+ * states). */
 #include "ros/sim/operating_state.h"
 
 #include <geometry_msgs/PoseStamped.h>
@@ -117,7 +124,7 @@ public:
         jaw_out_.publish(jaw);
     }
 
-    /* what tf is told */
+    /* Return the transforms to publish on tf. */
     std::vector<geometry_msgs::TransformStamped> frames(const ros::Time &now) const
     {
         std::vector<geometry_msgs::TransformStamped> out{frame(settings_.parent, frame_, settings_.base, now)};
@@ -170,7 +177,8 @@ private:
         Eigen::Quaterniond turn;
         tf2::fromMsg(message.pose.position, place);
         tf2::fromMsg(message.pose.orientation, turn);
-        if (!place.allFinite() || !turn.coeffs().allFinite() || std::fabs(turn.norm() - 1) > 0.01) return; /* as a console does: it stays */
+        /* reject the command and stay, as a console does */
+        if (!place.allFinite() || !turn.coeffs().allFinite() || std::fabs(turn.norm() - 1) > 0.01) return;
         goal_ = Eigen::Translation3d(place) * turn.normalized();
     }
 
@@ -196,7 +204,7 @@ private:
     ros::Subscriber servo_in_, move_in_, jaw_in_, fault_in_;
 };
 
-/* Keys as they are pressed, where there is a terminal. */
+/* Read single key presses if standard input is a terminal. */
 class Keyboard {
 public:
     explicit Keyboard(bool wanted) : on_(wanted && tcgetattr(STDIN_FILENO, &before_) == 0)
@@ -249,7 +257,7 @@ int main(int argc, char **argv)
         const ros::Time now = ros::Time::now();
         for (auto &arm : arms) arm->turn((steady - before).toSec(), now);
         before = steady;
-        std::map<std::string, geometry_msgs::TransformStamped> all; /* arms may share a base */
+        std::map<std::string, geometry_msgs::TransformStamped> all; /* arms may share a base frame */
         for (size_t a = 0; a < arms.size() && count % 2 == 0; ++a)
             for (const geometry_msgs::TransformStamped &each : arms[a]->frames(now)) all[each.child_frame_id] = each;
         for (const auto &each : all) frames.sendTransform(each.second);

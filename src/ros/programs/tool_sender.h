@@ -1,4 +1,4 @@
-/* What a robot would send for one tool, CRTK names: measured_cp and jaw/measured_js; and blade, whether it cuts. */
+/* Publish the CRTK topics of one tool: measured_cp and jaw/measured_js, and blade, which switches cutting. */
 #ifndef PLIANT_ROS_PROGRAMS_TOOL_SENDER_H
 #define PLIANT_ROS_PROGRAMS_TOOL_SENDER_H
 
@@ -19,7 +19,7 @@ public:
         jaw_ = handle.advertise<sensor_msgs::JointState>(tool + "/jaw/measured_js", 1);
     }
 
-    /* Latched: once is enough. */
+    /* Latched, so it is sent only on a change. */
     void send_blade(bool on)
     {
         if (!blade_) blade_ = handle_.advertise<std_msgs::Bool>(tool_ + "/blade", 1, true);
@@ -47,7 +47,7 @@ public:
 private:
     ros::NodeHandle handle_;
     std::string tool_, frame_;
-    int sent_ = -1; /* of the blade */
+    int sent_ = -1; /* last published blade state; -1: none */
     ros::Publisher pose_, jaw_, blade_;
 };
 

@@ -1,6 +1,6 @@
 #include "ros/record/bag_arguments.h"
 
-#include "programs/command_line.h" /* the exit codes */
+#include "programs/command_line.h" /* exit codes */
 #include "pliant/status.h"
 
 #include <algorithm>
@@ -93,7 +93,7 @@ bool read_rate(const std::string &text, int *out)
     return true;
 }
 
-/* "group/name=value" */
+/* Set an option from "group/name=value". */
 bool set_option(const std::string &text, pliant_scene *scene)
 {
     size_t sign = text.find('=');
@@ -103,7 +103,7 @@ bool set_option(const std::string &text, pliant_scene *scene)
     return true;
 }
 
-/* The scene file comes first and --set changes what it says, wherever they stand on the command line. */
+/* Read the scene file first, then apply --set, in any order on the command line. */
 bool read_scene(const std::string &file, const std::vector<std::string> &sets, pliant_scene *out, int *exit_code)
 {
     pliant_scene_defaults(out);

@@ -11,20 +11,23 @@ namespace pliant_ros {
 
 struct BagArguments {
     pliant_scene scene;
-    bool described = true;                          /* by the bag, where it has a session: no scene was named */
-    std::string bag, scan, folder, name = "tissue"; /* name: the namespace that was recorded */
-    std::vector<double> times;                      /* since the start of the bag [s], ascending; or */
-    double every = 0;                               /* [s]; 0: times */
-    bool surfaces = false;                          /* beside the volumes */
-    bool simulate = false;                          /* every step is made again; volumes come from there */
-    std::string steps, cuts;                        /* files for tables of the recorded steps and cuts; empty: none */
-    std::string exported;                           /* "numpy" or "lerobot", into the folder; empty: neither */
-    std::string task = "tissue";                    /* for LeRobot, in words */
-    int rate = 30;                                  /* rows of that a second */
+    /* the session in the bag, if any, defines the model; false: a scene is named */
+    bool described = true;
+    std::string bag, scan, folder, name = "tissue"; /* name: the recorded namespace */
+    /* seconds since the start of the bag, ascending; alternative to `every` */
+    std::vector<double> times;
+    double every = 0;                               /* period of the written volumes [s]; 0: use `times` */
+    bool surfaces = false;                          /* write surfaces in addition to volumes */
+    bool simulate = false;                          /* recompute every step and write the volumes of these steps */
+    std::string steps, cuts;                        /* CSV files of the recorded steps and cuts; empty: none */
+    std::string exported;                           /* "numpy" or "lerobot", written to the folder; empty: no export */
+    std::string task = "tissue";                    /* task description for LeRobot */
+    int rate = 30;                                  /* frames per second of the export */
     bool quiet = false;
 };
 
-/* True: go on. False: end now with *exit_code (help, or wrong usage told on stderr). */
+/* Read the command line. Return true to continue. Return false to exit with *exit_code after help or an error
+ * message. */
 bool read_bag_arguments(int argc, char **argv, BagArguments *out, int *exit_code);
 
 } // namespace pliant_ros

@@ -23,7 +23,7 @@ Failure no_file(const std::string &path, const char *what)
     return Failure(PLIANT_ERROR_FILE, path + ": " + what + ": " + std::strerror(errno));
 }
 
-/* on the disk, not on its way there */
+/* Write a file to disk (fsync). */
 void flush_file(const std::string &path)
 {
     const int file = open(path.c_str(), O_RDONLY);
@@ -72,7 +72,7 @@ void saved_message(const Moment &moment, const std::string &frame, std::shared_p
     out->rest.state = moment.state;
 }
 
-/* A bag that cannot be written whole is better not begun. */
+/* Check the free disk space before the file is opened, so that no incomplete bag is written. */
 static void check_room(const std::string &path, const Saved &saved)
 {
     using ros::serialization::serializationLength;
@@ -80,7 +80,8 @@ static void check_room(const std::string &path, const Saved &saved)
                           serializationLength(saved.rest);
     const size_t slash = path.rfind('/');
     struct statvfs room;
-    if (statvfs(slash == std::string::npos ? "." : path.substr(0, slash + 1).c_str(), &room) != 0) return; /* opening it tells more */
+    /* opening the file gives a better error message */
+    if (statvfs(slash == std::string::npos ? "." : path.substr(0, slash + 1).c_str(), &room) != 0) return;
     if (static_cast<double>(room.f_bavail) * static_cast<double>(room.f_frsize) < needed)
         throw Failure(PLIANT_ERROR_FILE, path + ": the disk is full");
 }
@@ -91,7 +92,7 @@ void write_saved(const std::string &path, const std::string &name, const Saved &
     check_room(path, saved);
     std::unique_ptr<rosbag::Bag> bag;
     try {
-        const ros::Time now(ros::WallTime::now().toSec()); /* /clock may stand at 0, which no bag takes */
+        const ros::Time now(ros::WallTime::now().toSec()); /* /clock may be 0, which is no valid bag time */
         bag.reset(new rosbag::Bag(next, rosbag::bagmode::Write));
         bag->setCompression(rosbag::compression::LZ4);
         bag->write(name + "session", now, saved.session);
@@ -101,7 +102,7 @@ void write_saved(const std::string &path, const std::string &name, const Saved &
         bag->close();
         flush_file(next);
     } catch (const std::exception &failed) {
-        bag.release(); /* its destructor would write again, and throw: that ends the process */
+        bag.release(); /* the destructor would write again and throw, which would end the process */
         std::remove(next.c_str());
         throw Failure(PLIANT_ERROR_FILE, next + ": " + failed.what());
     }

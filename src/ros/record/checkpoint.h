@@ -1,5 +1,6 @@
-/* The file that a node goes on from which was killed: a bag with its session, the topology that its cuts have made, where its nodes
- * were and what its tools held. Whatever reads bags can look at it, pliant_bag among them. */
+/* Checkpoint file from which a restarted node restores the simulation. It is a bag with the session, the mesh topology
+ * including cuts, the node positions, and the state of the tools. Programs that read bags, such as pliant_bag, can read
+ * it. */
 #ifndef PLIANT_ROS_RECORD_CHECKPOINT_H
 #define PLIANT_ROS_RECORD_CHECKPOINT_H
 
@@ -21,15 +22,18 @@ struct Saved {
     Checkpoint rest;
 };
 
-/* Of a moment; the session, what later loads keep and where the tissue lies are the caller's. surface: Nullable, the last one that was
- * asked for; kept for the next time. Throws Failure. */
+/* Fill *out from a moment, except the session, the settings that later loads keep, and the tissue pose, which the
+ * caller sets.
+ * surface: input and output; last computed surface, which is reused
+ * Throws Failure. */
 void saved_message(const Moment &moment, const std::string &frame, std::shared_ptr<const pliant_surface> *surface, Saved *out);
-/* In place of the file there, at once: of one that is killed meanwhile there is the one or the other, whole. Throws Failure.
- * name: namespace of the topics in it, with a slash at its end */
+/* Replace the file atomically: if the process is killed, either the old or the new file exists completely.
+ * name: namespace of the topics in the file, with a trailing slash
+ * Throws Failure. */
 void write_saved(const std::string &path, const std::string &name, const Saved &saved);
-/* Throws Failure: no checkpoint, or one of another version. */
+/* Throws Failure if the file is no checkpoint or has another version. */
 Saved read_saved(const std::string &path);
-/* Of the model that its session made. Throws Failure: another mesh. */
+/* Return the moment for the model that was built from the saved session. Throws Failure if the mesh differs. */
 Moment moment_of(const Saved &saved, std::shared_ptr<const Loaded> loaded);
 
 } // namespace pliant_ros

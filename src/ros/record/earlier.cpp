@@ -13,7 +13,8 @@ namespace pliant_ros {
 
 namespace {
 
-/* Each is a whole mesh: those of loads that are over, or of cuts that others came after, are not kept. */
+/* Keep this topology. Each message contains a whole mesh, so of the older ones only the initial topology of the load
+ * and the last two are kept. */
 void keep(const pliant::MeshTopologyConstPtr &topology, uint32_t load, std::vector<pliant::MeshTopologyConstPtr> *kept)
 {
     kept->push_back(topology);
@@ -33,7 +34,8 @@ Earlier read_earlier(const std::vector<std::string> &bags, double start, const T
         all.addQuery(opened.back());
     }
     if (opened.empty()) return out;
-    const ros::Time end = all.getBeginTime() + ros::Duration(static_cast<float>(start)); /* a float, as the player's is: what it plays is not taken twice */
+    /* rosbag play converts the start time to float, too, so no message is read twice */
+    const ros::Time end = all.getBeginTime() + ros::Duration(static_cast<float>(start));
     const std::vector<std::string> wanted{topics.session, topics.topology, topics.step};
     rosbag::View before;
     for (const rosbag::Bag &bag : opened) before.addQuery(bag, rosbag::TopicQuery(wanted), ros::TIME_MIN, end - ros::Duration(0, 1));

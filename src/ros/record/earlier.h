@@ -1,4 +1,4 @@
-/* What bags hold from before the point that a player begins at. */
+/* Read the messages of bags before the time at which a player starts. */
 #ifndef PLIANT_ROS_RECORD_EARLIER_H
 #define PLIANT_ROS_RECORD_EARLIER_H
 
@@ -13,23 +13,28 @@
 namespace pliant_ros {
 
 struct Topics {
-    std::string session, topology, step; /* step: empty where none are made again */
+    std::string session, topology, step; /* topic names; step is empty if no steps are recomputed */
 };
 
 struct Earlier {
-    pliant::SessionConstPtr session; /* the last one; empty: none */
-    std::vector<pliant::MeshTopologyConstPtr> topologies; /* those that states and steps from then on can need: of its load, and the last two */
-    std::vector<pliant::StepConstPtr> steps; /* from the last load or reset on */
+    pliant::SessionConstPtr session; /* last session; empty: none */
+    /* topologies that later states and steps can refer to: the initial one of the load and the last two */
+    std::vector<pliant::MeshTopologyConstPtr> topologies;
+    std::vector<pliant::StepConstPtr> steps; /* all steps since the last load or reset */
 };
 
-/* start: [s] after the first message of the bags, as `rosbag play --start` takes it. goes_on: asked between messages; false: what has been read
-   until then. Throws std::runtime_error with a message for a person where a bag cannot be read or is of another version of the messages. */
+/* Read the messages before `start`.
+ * start: seconds after the first message of the bags, as for `rosbag play --start`
+ * goes_on: called between messages; return false to stop reading, which returns the messages read so far
+ * Throws std::runtime_error with a message for the user if a bag cannot be read or has another version of the
+ * messages. */
 Earlier read_earlier(const std::vector<std::string> &bags, double start, const Topics &topics, const std::function<bool()> &goes_on);
 
-/* Throw a Failure if a player of these bags would publish steps of another version, to which no node of this version connects. */
+/* Throw Failure if these bags contain steps of another message version, because no node of this version could subscribe
+ * to them. */
 void check_steps(const std::vector<std::string> &bags, const std::string &topic);
 
-/* The first session in the bags; empty: they have none. Throws as above. */
+/* Return the first session in the bags; empty without a session. Throws as read_earlier. */
 pliant::SessionConstPtr first_session(const std::vector<std::string> &bags, const std::string &topic);
 
 } // namespace pliant_ros

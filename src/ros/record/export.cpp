@@ -24,30 +24,30 @@ namespace pliant_ros {
 
 namespace {
 
-const double SLACK = 1e-9; /* [s] times are written in decimals */
+const double SLACK = 1e-9; /* tolerance [s], because times are written in decimals */
 
-/* What a tool was told, and what it felt. */
+/* Column names of actions and of observations. */
 const char *const motion_columns[] = {"x", "y", "z", "qx", "qy", "qz", "qw", "jaw", "closed", "cutting"};
 const char *const sense_columns[] = {"present", "touching", "grasped", "force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z"};
 const size_t MOTION = sizeof motion_columns / sizeof *motion_columns, SENSE = sizeof sense_columns / sizeof *sense_columns;
 
 using Motion = std::array<double, MOTION>;
-template <class Value> using Series = std::vector<std::pair<double, Value>>; /* by time [s] */
+template <class Value> using Series = std::vector<std::pair<double, Value>>; /* ascending times [s] */
 
 struct Turn {
     uint64_t step;
-    bool begins; /* after a load or a reset */
-    std::map<size_t, Motion> tools; /* those that are present */
+    bool begins; /* first step after a load or a reset */
+    std::map<size_t, Motion> tools; /* present tools by index */
 };
 
 struct Pictures {
     std::string name, topic, encoding;
     double first;
     uint32_t width, height;
-    std::vector<int64_t> shown; /* of each row, the recorded picture that is newest then, from 0 */
+    std::vector<int64_t> shown; /* index of the most recent picture for each row */
     bool colours() const { return encoding == "rgb8" || encoding == "bgr8"; }
     bool real() const { return encoding == "32FC1"; }
-    size_t row_size() const { return size_t(width) * (colours() ? 3 : real() ? 4 : 1); } /* of one line [bytes] */
+    size_t row_size() const { return size_t(width) * (colours() ? 3 : real() ? 4 : 1); } /* bytes per image row */
 };
 
 struct Row {
@@ -56,7 +56,7 @@ struct Row {
     size_t turn;
 };
 
-/* The newest by a time; null: none. */
+/* Return the last entry at or before a time; null without such an entry. */
 template <class Value> const std::pair<double, Value> *newest(const Series<Value> &series, double time)
 {
     auto after = std::upper_bound(series.begin(), series.end(), time + SLACK, [](double t, const std::pair<double, Value> &each) { return t < each.first; });
@@ -93,7 +93,7 @@ private:
     std::vector<std::string> tools_;
     Series<Turn> turns_;
     std::vector<Series<std::array<double, 6>>> wrenches_; /* by tool */
-    std::vector<Series<std::array<double, 2>>> contacts_; /* touching, grasped */
+    std::vector<Series<std::array<double, 2>>> contacts_; /* touching and grasped, by tool */
     std::vector<Pictures> pictures_;
     std::vector<Row> rows_;
 };
@@ -144,7 +144,7 @@ void Export::read_senses()
     }
 }
 
-/* Every topic of pictures whose first one has a known encoding. */
+/* Find all image topics whose first message has a supported encoding. */
 void Export::find_pictures()
 {
     const std::set<std::string> known = {"rgb8", "bgr8", "mono8", "8UC1", "32FC1"};
@@ -164,7 +164,8 @@ void Export::find_pictures()
     }
 }
 
-/* An episode lasts from its first turn, or the first of every camera's pictures, to its last turn. */
+/* Choose the rows. An episode starts when the first step and an image of every camera are available, and ends with its
+ * last step. */
 void Export::choose_rows()
 {
     double seen = 0;
@@ -218,7 +219,7 @@ void Export::write_rows() const
     for (NpyFile *file : {&times, &episodes, &steps, &state, &action}) file->close();
 }
 
-/* By the times alone: no picture is read. */
+/* Find the shown pictures by their times, without decoding them. */
 void Export::find_shown(Pictures *pictures) const
 {
     rosbag::View view(bag_, rosbag::TopicQuery(pictures->topic));
@@ -231,7 +232,7 @@ void Export::find_shown(Pictures *pictures) const
     pictures->shown.resize(rows_.size(), newest);
 }
 
-/* Rows as they go on never show an older picture, so the pictures that are shown are counted as they come. */
+/* Write the picture index of each row. Indices ascend with the rows, so the shown pictures are numbered in order. */
 void Export::write_index(const Pictures &pictures) const
 {
     NpyFile file(folder_ + "/index_" + pictures.name + ".npy", "i8", {rows_.size()});

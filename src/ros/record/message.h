@@ -1,4 +1,4 @@
-/* Messages of a bag, which may be of another version. */
+/* Read messages of a bag, and check their version. */
 #ifndef PLIANT_ROS_RECORD_MESSAGE_H
 #define PLIANT_ROS_RECORD_MESSAGE_H
 
@@ -11,7 +11,7 @@
 
 namespace pliant_ros {
 
-/* Return why a recorded message is refused, for a person. */
+/* Return a message for the user that explains why a recorded message is refused. */
 inline std::string other_version(const rosbag::MessageInstance &recorded, const std::string &type, const std::string &md5)
 {
     const std::string what = recorded.getTopic() + " in the bag is ";
@@ -28,7 +28,7 @@ template <class Message> boost::shared_ptr<const Message> read_message(const ros
     return out;
 }
 
-/* A Step without its last two fields, which are 0 then: Pliant 0.1.0 until November 2026. */
+/* Bags of Pliant 0.1.0 until November 2026 contain Step messages without the last two fields, which become 0. */
 template <> inline boost::shared_ptr<const pliant::Step> read_message<pliant::Step>(const rosbag::MessageInstance &recorded)
 {
     const std::string shorter = "7ea001853a4b85c219a652b58dba7739", type = ros::message_traits::datatype<pliant::Step>(), md5 = ros::message_traits::md5sum<pliant::Step>();

@@ -9,7 +9,7 @@ namespace pliant_ros {
 
 namespace {
 
-const size_t ALIGNMENT = 64; /* of the first number in the file */
+const size_t ALIGNMENT = 64; /* alignment of the first array element in the file [bytes] */
 
 std::string header(const std::string &kind, const std::vector<size_t> &shape)
 {
@@ -17,7 +17,7 @@ std::string header(const std::string &kind, const std::vector<size_t> &shape)
     std::string text = "{'descr': '" + (order + kind) + "', 'fortran_order': False, 'shape': (";
     for (size_t size : shape) text += std::to_string(size) + ",";
     text += "), }";
-    const size_t before = 10; /* magic, version, length */
+    const size_t before = 10; /* size of magic number, version, and header length [bytes] */
     text.append((ALIGNMENT - (before + text.size() + 1) % ALIGNMENT) % ALIGNMENT, ' ');
     text += '\n';
     std::string out("\x93NUMPY\x01\x00", 8);

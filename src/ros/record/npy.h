@@ -1,4 +1,4 @@
-/* Arrays as files that numpy.load reads (.npy, version 1.0 of the format). */
+/* Write arrays in NumPy's .npy format, version 1.0. */
 #ifndef PLIANT_ROS_RECORD_NPY_H
 #define PLIANT_ROS_RECORD_NPY_H
 
@@ -9,15 +9,17 @@
 
 namespace pliant_ros {
 
-/* Throws Failure when the file cannot be written, as do those that follow. */
+/* The constructor and the member functions throw Failure if the file cannot be written. */
 class NpyFile {
 public:
-    /* kind: numpy's name of the numbers without the order of their bytes, as f8, i8, u1; shape: rows first */
+    /* kind: NumPy type without byte order, such as f8, i8, u1
+     * shape: slowest dimension first */
     NpyFile(const std::string &path, const std::string &kind, const std::vector<size_t> &shape);
     ~NpyFile();
     NpyFile(const NpyFile &) = delete;
     NpyFile &operator=(const NpyFile &) = delete;
-    /* the next ones, row after row */
+    /* Append elements in row-major order.
+     * size: in bytes */
     void append(const void *numbers, size_t size);
     void close();
 

@@ -15,7 +15,7 @@ std::string differs(const std::string &what, size_t recorded, size_t here, const
 
 const std::string same_scene = "the scene must be the one of the recording (mesh, materials, labels)";
 
-/* Whether a body's cuts are the first ones of a recorded topology. */
+/* Return whether the cuts of a body are the first cuts of a recorded topology. */
 bool begins(const pliant_body &body, const MeshTopology &recorded)
 {
     const pliant_cuts *cuts = body.cuts;
@@ -28,7 +28,7 @@ bool begins(const pliant_body &body, const MeshTopology &recorded)
            static_cast<size_t>(severed) <= recorded.severed.size() && std::equal(cuts->severed, cuts->severed + severed, recorded.severed.begin());
 }
 
-/* What the recorded cuts make of a body that has the first of them. */
+/* Apply the remaining recorded cuts to a body that has the first of them. */
 bool sever(const MeshTopology &recorded, uint64_t *last_revision, std::shared_ptr<const pliant_body> *body)
 {
     for (size_t cut = (*body)->cuts ? static_cast<size_t>((*body)->cuts->num_cuts) : 0; cut < recorded.cut_end.size(); ++cut) {
@@ -44,7 +44,7 @@ bool sever(const MeshTopology &recorded, uint64_t *last_revision, std::shared_pt
     return true;
 }
 
-/* What cuts have made of the body at load that subdivide tetrahedra, at once. */
+/* Apply all recorded cuts that subdivide tetrahedra to the initial body in one operation. */
 bool subdivide(const MeshTopology &recorded, uint64_t *last_revision, std::shared_ptr<const pliant_body> *body)
 {
     if (recorded.between.empty()) return true;
@@ -65,7 +65,7 @@ bool subdivide(const MeshTopology &recorded, uint64_t *last_revision, std::share
     std::vector<pliant_between> between(added);
     for (size_t i = 0; i < added; ++i)
         between[i] = pliant_between{{static_cast<int32_t>(recorded.between[2 * i]), static_cast<int32_t>(recorded.between[2 * i + 1])}, recorded.between_share[i]};
-    source.push_back(0); /* so that none of them is a null pointer */
+    source.push_back(0); /* avoid null pointers of empty arrays */
     pliant_division division{};
     division.num_tets = static_cast<int32_t>(all);
     division.tet_source = source.data();

@@ -1,4 +1,4 @@
-/* What a bag holds of a session, made volumes again. */
+/* Restore bodies and states from recorded messages. */
 #ifndef PLIANT_ROS_RECORD_RECORDED_H
 #define PLIANT_ROS_RECORD_RECORDED_H
 
@@ -8,17 +8,17 @@
 
 namespace pliant_ros {
 
-/* The bodies of a recording so far. */
+/* Bodies restored from a recording. */
 struct Bodies {
-    std::shared_ptr<const pliant_body> newest; /* which the next may go on from, for speed alone */
-    uint64_t last_revision = 0;                /* highest of all: no two share one */
+    std::shared_ptr<const pliant_body> newest; /* most recent body, from which the next may be derived faster */
+    uint64_t last_revision = 0;                /* highest revision; each body has a unique one */
 };
 
-/* The body of a recorded topology: that of the same scan and mesh, to the bit, or one that its cuts make of it; the newest from then on. Empty where it
-   is neither; then *why names what differs and what would be right. */
+/* Return the body of a recorded topology. It is derived from the loaded model's body by the recorded cuts, and becomes
+ * bodies->newest. Return empty if the mesh is not bitwise identical; then *why names the difference and the remedy. */
 std::shared_ptr<const pliant_body> body_of(const Loaded &loaded, const MeshTopology &recorded, Bodies *bodies, std::string *why);
 
-/* Positions of a recorded state, of the body of its topology. Throws Failure when they are not one finite point a node. */
+/* Return the positions of a recorded state as a snapshot. Throws Failure if there is not one finite point per node. */
 std::shared_ptr<const Snapshot> snapshot_of(std::shared_ptr<const Loaded> loaded, std::shared_ptr<const pliant_body> body,
                                             const MeshState &state);
 

@@ -17,7 +17,7 @@ namespace {
 enum { PATIENCE_SECONDS = 2 /* for what topics bring in another order */, PLAYER_SECONDS = 60, CONNECTION_SECONDS = 20 /* the master may know of listeners and publishers that are gone */,
        TELL_SECONDS = 5, MOST_RECENT = 16 /* topologies */ };
 
-/* Whether somebody listens to a topic, by the master's word. */
+/* Return whether a topic has subscribers, according to the master. */
 bool has_listener(const std::string &topic)
 {
     XmlRpc::XmlRpcValue asked, answer, state;
@@ -34,7 +34,7 @@ bool is_late(Clock::time_point arrival)
     return Clock::now() - arrival > std::chrono::seconds(PATIENCE_SECONDS);
 }
 
-/* Of this load, as first said, or of one after it. */
+/* Return whether a topology belongs to the load that this session describes, or to a later one. */
 bool is_of(const Session &session, const MeshTopology &topology)
 {
     return topology.revision >= session.load && topology.header.stamp >= session.header.stamp;
@@ -48,12 +48,12 @@ Replay::Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Pla
 {
     log_to_rosconsole();
     topics_ = Topics{handle.resolveName("session"), handle.resolveName("mesh/topology"), simulates_ ? handle.resolveName("step") : std::string()};
-    /* the first one, so that its model is there before the bags are played */
+    /* Build the first model before the bags are played. */
     const pliant::SessionConstPtr first = playing.described ? first_session(playing.bags, topics_.session) : nullptr;
     described_ = first != nullptr;
     if (simulates_) check_steps(playing.bags, topics_.step);
     if (first) session_ = *first;
-    /* before the scan is loaded, and with all the room that there is: nothing is lost meanwhile */
+    /* Subscribe before the scan is loaded, with unlimited queues, so that no message is lost during the load. */
     if (described_) sessions_ = handle.subscribe("session", 0, &Replay::take_session, this);
     topologies_ = handle.subscribe("mesh/topology", 0, &Replay::take_topology, this);
     if (simulates_) steps_ = handle.subscribe("step", 0, &Replay::take_step, this, ros::TransportHints().tcpNoDelay());
@@ -77,16 +77,17 @@ void Replay::tell() const
 {
     std::printf("replay: %lu states shown, %lu dropped\n", static_cast<unsigned long>(shown_), static_cast<unsigned long>(dropped_));
     if (rerun_) std::printf("replay: %s\n", rerun_->summary().c_str());
-    std::fflush(stdout); /* the process may be ended at any time */
+    std::fflush(stdout); /* the process may be killed at any time */
 }
 
-/* What a player that begins later does not play. */
+/* Process the messages before the start time, which the player skips. */
 void Replay::catch_up()
 {
     const Earlier earlier = read_earlier(playing_.bags, playing_.start, topics_, playing_.goes_on);
     if (described_ && earlier.session) begin_session(*earlier.session);
     for (const pliant::MeshTopologyConstPtr &topology : earlier.topologies)
-        if (!described_ || topology->revision >= session_.load) fit(*topology); /* the session may have been said again since */
+        /* the session message may have been repeated in the meantime */
+        if (!described_ || topology->revision >= session_.load) fit(*topology);
     if (!simulates_ || earlier.steps.empty() || earlier.steps.front()->sequence != 1) return;
     const auto known = bodies_.find(earlier.steps.front()->load);
     if (known != bodies_.end() && known->second.body) make_again(earlier.steps);
@@ -115,7 +116,7 @@ pliant_progress Replay::while_it_goes_on()
     return pliant_progress{[](double, const char *, void *replay) { return static_cast<Replay *>(replay)->playing_.goes_on(); }, this};
 }
 
-/* A player in a loop begins anew where it began: what is before that is taken again. */
+/* Detect that a player in a loop has restarted, and process the messages before its start time again. */
 void Replay::watch_for_the_loop(ros::Time stamp)
 {
     const bool begins_anew = stamp < newest_;
@@ -145,7 +146,7 @@ void Replay::put_in(std::shared_ptr<const Loaded> loaded)
     before_ = loaded_;
     loaded_ = std::move(loaded);
     made_ = Bodies{};
-    /* what has overtaken the session may still be of the model before; older ones are over */
+    /* Topologies that arrived before their session may belong to the previous model; older entries are obsolete. */
     for (auto known = bodies_.begin(); known != bodies_.end();)
         known = known->second.loaded == before_ ? std::next(known) : bodies_.erase(known);
     if (simulates_ && !rerun_) rerun_.reset(new Rerun(loaded_));
@@ -171,7 +172,8 @@ void Replay::take_session(const pliant::SessionConstPtr &session)
     work_off();
 }
 
-/* With another model only once what was recorded before it is shown: the first state or step of its load says so, as states come in order. */
+/* Return whether the next session may begin. A different model begins only after all states of the previous one are
+ * shown. States arrive in order, so the first state or step of the new load shows that. */
 bool Replay::may_begin(const Coming &next) const
 {
     const bool same = loaded_ && same_model(session_, *next.session), other_load = next.session->load != session_.load;
@@ -199,12 +201,12 @@ void Replay::begin_session(const Session &session)
     }
     for (const pliant::MeshTopologyConstPtr &topology : recent_)
         if (is_of(session_, *topology) && !is_to_come(*topology)) fit(*topology);
-    /* nothing else was taken meanwhile */
+    /* no message could be processed during the load, so its time does not count */
     for (Pending &next : pending_) next.arrival = Clock::now();
     for (Coming &next : coming_) next.arrival = Clock::now();
 }
 
-/* Whether there is a connection for all that is listened to here and that somebody publishes, by the master's word. */
+/* Return whether every subscription to a published topic has a connection, according to the master. */
 bool Replay::hears_all() const
 {
     ros::master::V_TopicInfo published;
@@ -217,9 +219,10 @@ bool Replay::hears_all() const
     return std::all_of(std::begin(all), std::end(all), is_heard);
 }
 
-/* What is played before a connection from here is there is lost, and a player waits for none. It answers only once it has advertised what its
-   bags have: so it is first asked to pause, as it does. Nor is a volume kept for who listens already, but has no connection yet.
-   ros::service::waitForService would wait by a clock that stands still until the player plays. */
+/* Start the player when all connections exist, because it does not wait for subscribers and messages sent earlier are
+ * lost. The player answers only after it has advertised all topics, so it is first asked to pause, which it already
+ * does. The volume topic has no queue for subscribers without a connection either. ros::service::waitForService is not
+ * usable: it waits by /clock, which stands still until the player plays. */
 void Replay::start_player(const std::string &name, const std::string &volume)
 {
     const std::string service = name + "/pause_playback";
@@ -253,7 +256,7 @@ void Replay::fit(const MeshTopology &topology)
     std::string why = "its model could not be made";
     std::shared_ptr<const pliant_body> body = loaded_ ? body_of(*loaded_, topology, &made_, &why) : nullptr;
     auto known = bodies_.find(topology.revision);
-    /* a bag in a loop says it again and again */
+    /* a bag in a loop repeats the message */
     const bool is_news = known == bodies_.end() || !known->second.body != !body || (body && !pliant_body_same(body.get(), known->second.body.get()));
     bodies_[topology.revision] = Known{loaded_, body};
     if (is_news && body) ROS_INFO("replay: revision %u of the mesh is known here", topology.revision);
@@ -274,7 +277,7 @@ void Replay::take_step(const pliant::StepConstPtr &step)
     work_off();
 }
 
-/* For its topology; or, where steps are made again, for the session that it is of. */
+/* Return whether a state waits for its topology, or a step for its session. */
 bool Replay::waits(const Pending &next) const
 {
     const auto known = bodies_.find(next.topology);

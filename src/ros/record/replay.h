@@ -1,4 +1,5 @@
-/* The deformed volumes of a recording: every mesh/state that a bag plays is warped again, none left out; or every step is made again. */
+/* Compute the deformed volumes of a recording. The node warps every mesh/state that a bag plays, or recomputes every
+ * step. */
 #ifndef PLIANT_ROS_RECORD_REPLAY_H
 #define PLIANT_ROS_RECORD_REPLAY_H
 
@@ -17,33 +18,35 @@
 
 namespace pliant_ros {
 
-/* What is played, and how. */
+/* Input and mode of a replay. */
 struct Playing {
-    std::string player;            /* node name of a `rosbag play --pause` of these bags, which is set going; empty: none */
+    /* name of a paused `rosbag play` of these bags, which the node starts; empty: none */
+    std::string player;
     std::vector<std::string> bags;
-    double start = 0;              /* played from there on [s] */
-    bool simulates = false;        /* every step is made again */
-    bool described = false;        /* the bags say what the model is, where they do; otherwise the parameters do */
-    std::function<bool()> goes_on = [] { return true; }; /* asked during long work; false: it is left */
+    double start = 0;              /* time at which playback starts [s] */
+    bool simulates = false;        /* recompute every step */
+    bool described = false;        /* sessions in the bags, if any, define the model; false: the parameters do */
+    std::function<bool()> goes_on = [] { return true; }; /* called during long work; return false to stop */
 };
 
-/* Takes session, mesh/topology and mesh/state as a bag plays them, publishes volume and its slices with the stamps of the
-   states, and scan_info of the scan here. Models are made as the bag's sessions say, or, where no bag has any, as the parameters do, which are
-   the node's. A topology that is not the model's is refused, and so are the states of its revision. What simulates takes `step` in place of
-   the states. */
+/* Subscribe to session, mesh/topology and mesh/state of a bag. Publish volume and its slices with the stamps of the
+ * states, and scan_info. Models are built from the bag's sessions, or from the node's parameters if no bag has a
+ * session. A topology that does not match the model is refused, together with its states. When steps are recomputed,
+ * the node subscribes to `step` instead of mesh/state. */
 class Replay {
 public:
-    /* Loads the scan, takes what the bags hold from before the start, and returns when that is done. Throws std::runtime_error with a message for a person.
-       The player begins once there are connections to it, and from who listens to the volume already, so that neither misses anything. */
+    /* Load the scan and process the messages before the start time. The player starts after its connections, and the
+     * connections of existing volume subscribers, exist, so that no message is lost. Throws std::runtime_error with a
+     * message for the user. */
     Replay(ros::NodeHandle handle, ros::NodeHandle private_handle, const Playing &playing);
     ~Replay();
-    /* Print how many states were shown and steps computed, without rosconsole, which may be down. */
+    /* Print the number of shown states and computed steps without rosconsole, which may already be shut down. */
     void tell() const;
 
 private:
     struct Pending {
-        uint32_t topology; /* revision of the one that it needs */
-        pliant::MeshStateConstPtr state; /* or */
+        uint32_t topology; /* revision of the required topology */
+        pliant::MeshStateConstPtr state; /* null if `step` is set */
         pliant::StepConstPtr step;
         Clock::time_point arrival;
     };
@@ -55,7 +58,7 @@ private:
 
     struct Known {
         std::shared_ptr<const Loaded> loaded;
-        std::shared_ptr<const pliant_body> body; /* empty: another scan or mesh */
+        std::shared_ptr<const pliant_body> body; /* empty: the scan or mesh differs */
     };
 
     void load();
@@ -66,17 +69,19 @@ private:
     void make_again(const std::vector<pliant::StepConstPtr> &steps);
     void take_session(const pliant::SessionConstPtr &session);
     bool may_begin(const Coming &next) const;
-    bool is_to_come(const pliant::MeshTopology &topology) const; /* of a session that has not begun here */
+    /* Return whether a topology belongs to a session that has not begun here. */
+    bool is_to_come(const pliant::MeshTopology &topology) const;
     void begin_session(const Session &session);
     void fit(const pliant::MeshTopology &topology);
     bool waits(const Pending &next) const;
     bool hears_all() const;
-    /* volume: the topic */
+    /* volume: name of the volume topic */
     void start_player(const std::string &name, const std::string &volume);
     void take_topology(const pliant::MeshTopologyConstPtr &topology);
     void take_state(const pliant::MeshStateConstPtr &state);
     void take_step(const pliant::StepConstPtr &step);
-    /* Topics overtake each other: states and steps wait for their topology, for a while, and a session for the states before it. */
+    /* Process waiting messages. Messages of different topics arrive out of order: states and steps wait for their
+     * topology for a limited time, and a session waits for the states before it. */
     void work_off();
     void take_pending(const Pending &next);
     void show(const Pending &next, const Known &of);
@@ -86,16 +91,18 @@ private:
     tf2_ros::StaticTransformBroadcaster broadcaster_;
     const bool simulates_;
     Topics topics_;
-    ros::Time newest_; /* of the states or steps */
+    ros::Time newest_; /* stamp of the last state or step */
     ros::Subscriber sessions_, topologies_, states_, steps_;
-    bool described_ = false; /* by the bags */
+    bool described_ = false; /* whether the bags define the model */
     Shelf shelf_;
-    Session session_;        /* that the model was made of; load is that of the newest like it */
+    /* session of the current model; its load number is taken from the last equivalent session */
+    Session session_;
     std::shared_ptr<const Loaded> loaded_, before_;
-    std::deque<pliant::MeshTopologyConstPtr> recent_; /* topics overtake each other: one may be of a session that comes after it */
-    std::unique_ptr<Rerun> rerun_; /* where it simulates, once loaded */
+    /* last topologies, because a topology can arrive before its session */
+    std::deque<pliant::MeshTopologyConstPtr> recent_;
+    std::unique_ptr<Rerun> rerun_; /* set after the load if steps are recomputed */
     std::map<uint32_t, Known> bodies_; /* by revision */
-    Bodies made_; /* of this load */
+    Bodies made_; /* bodies of this load */
     std::deque<Coming> coming_;
     std::deque<Pending> pending_;
     uint64_t shown_ = 0, dropped_ = 0;

@@ -12,7 +12,7 @@ void Rerun::begin(const Step &first)
 
 void Rerun::set_model(std::shared_ptr<const Loaded> loaded)
 {
-    data_.reset(); /* before its model */
+    data_.reset(); /* the data refer to the model */
     begun_ = false;
     loaded_ = std::move(loaded);
 }
@@ -39,7 +39,7 @@ bool Rerun::take(const Step &recorded)
     }
     tell_outcome(make_step(*loaded_->model, data_.get(), PLIANT_BACKGROUND_PRESCRIBED, recorded), *data_, &last_);
     ++made_;
-    /* bodies may have other numbers: there may have been some before the reset */
+    /* revisions are compared by change, because their numbers differ if bodies existed before the reset */
     const bool changed = pliant_data_get_body(data_.get())->revision != before;
     const bool cut_differs = !first && changed != (recorded.revision != recorded_before);
     if (last_.status != recorded.status || last_.step != recorded.step || last_.checksum != recorded.checksum || cut_differs) {

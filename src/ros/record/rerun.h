@@ -1,4 +1,4 @@
-/* A recorded session computed again: from what its tools did, not from where its nodes were. */
+/* Recompute a recorded session from its tool motions. */
 #ifndef PLIANT_ROS_RECORD_RERUN_H
 #define PLIANT_ROS_RECORD_RERUN_H
 
@@ -9,19 +9,20 @@ namespace pliant_ros {
 
 class Rerun {
 public:
-    /* Model: that of the recording (scan, scene, threads, backend). */
+    /* Use the model of the recording (scan, scene, threads, backend). */
     explicit Rerun(std::shared_ptr<const Loaded> loaded) : loaded_(std::move(loaded)) {}
 
-    /* From the next turn on that follows a load. */
+    /* Use another model from the next step that follows a load. */
     void set_model(std::shared_ptr<const Loaded> loaded);
-    /* The next turn. False while there is nothing to begin with: a rerun begins where a load or a reset was recorded. Throws Failure where
-       messages are missing, and waits for the next reset then. */
+    /* Compute the next step. Return false until a load or a reset was recorded, because a rerun starts there. Throws
+     * Failure if messages are missing, and then waits for the next reset. */
     bool take(const Step &recorded);
-    /* After the last turn, as the live node had it to show. */
+    /* Return the state after the last step, as the live node would publish it. */
     std::shared_ptr<const Snapshot> snapshot() const;
 
-    uint64_t made() const { return made_; }           /* turns */
-    uint64_t differing() const { return differing_; } /* of those, how many did not end as recorded, to the bit */
+    uint64_t made() const { return made_; }           /* number of computed steps */
+    /* number of steps whose result is not bitwise identical to the recording */
+    uint64_t differing() const { return differing_; }
     std::string summary() const;
 
 private:

@@ -1,4 +1,4 @@
-/* What was recorded as tables (CSV), one line each. */
+/* Write recorded data as CSV tables. */
 #ifndef PLIANT_ROS_RECORD_TABLES_H
 #define PLIANT_ROS_RECORD_TABLES_H
 
@@ -10,7 +10,7 @@
 
 namespace pliant_ros {
 
-/* Throws Failure when the file cannot be written, as do those that follow. */
+/* The constructor and the member functions throw Failure if the file cannot be written. */
 class Table {
 public:
     Table(const std::string &path, const std::string &heading);
@@ -27,7 +27,7 @@ private:
     std::FILE *file_;
 };
 
-/* time: since the start of the bag [s] */
+/* time: seconds since the start of the bag */
 class StepsTable : public Table {
 public:
     explicit StepsTable(const std::string &path);

@@ -7,13 +7,13 @@ namespace pliant_ros {
 
 namespace {
 
-const double shortest_blend = 0.005, longest_blend = 0.05; /* [s] */
-const double arm = 0.02;       /* of a turn, when it is weighed against a translation [m] */
-const double slowest = 0.02;   /* poses further apart than that tell nothing of the motion [s] */
-const double remembers = 0.2;  /* the longest motion fades so fast [s] */
-const double foreseen = 4;     /* motions back */
-const double most_reach = 0.001; /* [m] */
-const double rests = 1e-4, rests_for = 0.2; /* a hand that goes no further in this time [m, s] */
+const double shortest_blend = 0.005, longest_blend = 0.05; /* limits of the blending time after a step [s] */
+const double arm = 0.02;       /* lever arm that converts rotations to lengths [m] */
+const double slowest = 0.02;   /* maximum time between two poses from which a motion is estimated [s] */
+const double remembers = 0.2;  /* decay time of the longest motion [s] */
+const double foreseen = 4;     /* number of motions for which a returning force must leave energy */
+const double most_reach = 0.001; /* maximum motion length in the energy credit [m] */
+const double rests = 1e-4, rests_for = 0.2; /* the hand rests if it moves less than rests [m] during rests_for [s] */
 
 double product(const double a[6], const double b[6])
 {
@@ -22,10 +22,10 @@ double product(const double a[6], const double b[6])
     return sum;
 }
 
-/* from one pose to another: translation and rotation vector */
+/* Return the motion between two poses: translation and rotation vector. */
 void motion_between(const pliant_tool_linear &from, const double tip[3], const double rotation[4], double out[6])
 {
-    pliant_tool_linear unit{}; /* whose wrench is the motion itself */
+    pliant_tool_linear unit{}; /* with unit stiffness, the wrench equals the motion */
     std::copy(from.tip, from.tip + 3, unit.tip);
     std::copy(from.rotation, from.rotation + 4, unit.rotation);
     for (int i = 0; i < 6; ++i) unit.stiffness[7 * i] = 1;
@@ -34,7 +34,7 @@ void motion_between(const pliant_tool_linear &from, const double tip[3], const d
 
 } // namespace
 
-/* holds and touches nothing */
+/* Return whether the tool neither grasps nor touches tissue. */
 bool Between::is_free() const
 {
     return std::all_of(linear_.wrench, linear_.wrench + 6, [](double x) { return x == 0; }) &&
@@ -63,17 +63,18 @@ void Between::frame(double now, const pliant_tool_linear &linear, bool acts)
     acts_ = acts && linear.known;
     if (goes_on) pliant_tool_linear_wrench(&linear_, last_.tip, last_.rotation, most_, after);
     for (int i = 0; i < 6; ++i) offset_[i] = goes_on ? before[i] - after[i] : 0;
-    /* while the hand rests, the tissue holds what it is strained by: by whom, and what was counted of it, is all one */
+    /* At rest, the tissue stores at least the elastic energy, so the energy count is raised to it. */
     if (acts_ && now - rests_from_ > rests_for) energy_ = std::max(energy_, elastic());
-    if (is_free()) energy_ = 0; /* the next stroke begins with nothing */
+    if (is_free()) energy_ = 0; /* without contact the energy count restarts */
 }
 
-/* What the last answer has done since; an answer that was asked for again at the same pose tells of no motion. */
+/* Count the energy of the last wrench along a motion. A repeated query at the same pose is no motion. */
 void Between::move(double now, const double motion[6])
 {
     double length = 0;
     for (int i = 0; i < 6; ++i) length += std::pow(motion[i] * (i < 3 ? 1 : arm), 2);
-    energy_ = std::max(energy_ + product(last_.wrench, motion), -0.5 * credit()); /* one pose that is far off is no debt for ever */
+    /* the bound stops one outlier pose from causing a permanent energy deficit */
+    energy_ = std::max(energy_ + product(last_.wrench, motion), -0.5 * credit());
     if (!(length > 0)) return;
     reach_ = std::max(reach_ * std::exp(-(now - moved_at_) / remembers), std::sqrt(length));
     std::copy(motion, motion + 6, motion_);
@@ -81,7 +82,8 @@ void Between::move(double now, const double motion[6])
     moved_at_ = now;
 }
 
-/* Of a spring as stiff as the stiffest direction here: the least that such a force takes [J]. */
+/* Return the elastic energy of the current force in a spring with the maximum translational stiffness, a lower bound
+ * [J]. */
 double Between::elastic() const
 {
     const double stiffness = std::max({linear_.stiffness[0], linear_.stiffness[7], linear_.stiffness[14]});
@@ -90,7 +92,8 @@ double Between::elastic() const
     return stiffness > 0 ? 0.5 * square / stiffness : 0;
 }
 
-/* A stroke begins with nothing, and something must be risked for it: what the longest motion makes of the stiffness. */
+/* Return the energy that may be spent before any was put in: twice the elastic energy of the longest recent motion at
+ * the maximum stiffness [J]. */
 double Between::credit() const
 {
     const double reach = std::min(reach_, most_reach);
@@ -101,7 +104,7 @@ void Between::keep_passive(double now, double wrench[6])
 {
     double size = 0;
     for (int i = 0; i < 6; ++i) size += std::pow(wrench[i] / (i < 3 ? 1 : arm), 2);
-    /* on the way back it ends softly: some motions ahead */
+    /* On the return motion the force is reduced earlier, so that it ends smoothly. */
     const double faded = std::exp(-(now - moved_at_) / remembers);
     const bool back = now - moved_at_ < remembers && product(wrench, trend_) < 0;
     const double taken = std::sqrt(size) * reach_ * faded * (back ? foreseen : 1), there = std::max(energy_, -0.5 * credit()) + credit();

@@ -1,12 +1,14 @@
-/* A tool's wrench between steps: what the last step's linearization says at the pose of now. No ROS, no clock of its own.
+/* Compute a tool's wrench between steps from the linearization of the last step. This class uses neither ROS nor a
+ * clock.
  *
- * At a new step the old answer and the new one differ a little; the difference goes to zero over the time that steps are apart, so that
- * nothing jumps. An answer stays until the next one, while the tool moves on: it is that of half a motion further, so that pressing in and
- * letting go take the same.
+ * At a new step, the old and the new prediction differ slightly. The difference decays to zero within one step period,
+ * so that the wrench has no jump. The wrench stays constant until the next query, while the tool moves. It is therefore
+ * evaluated half a motion ahead, so that loading and unloading exchange the same energy.
  *
- * The hand that moves the tool by dp puts energy W'dp in, where W is what was answered before; what it has put in since the tool took hold,
- * less what it was given back, may not fall below zero (time-domain passivity: Hannaford and Ryu, IEEE Trans. Robotics and Automation 18:1,
- * 2002). No motion as long as the longest of the last ones shall be able to take more than there is: |W| |dp| <= energy. */
+ * A tool motion dp changes the energy by W'dp, where W is the last wrench. The energy put in since the contact began,
+ * minus the energy returned, must stay non-negative (time-domain passivity: Hannaford and Ryu, IEEE Trans. Robotics and
+ * Automation 18:1, 2002). The wrench is limited so that a motion as long as the longest recent one cannot extract more:
+ * |W| |dp| <= energy. */
 #ifndef PLIANT_ROS_SIM_BETWEEN_H
 #define PLIANT_ROS_SIM_BETWEEN_H
 
@@ -18,17 +20,20 @@ namespace pliant_ros {
 
 class Between {
 public:
-    /* most: that the force may differ from that of the last step [N] */
+    /* most: maximum difference from the force of the last step [N] */
     explicit Between(double most) : most_(most) {}
 
-    /* After a step, at a time [s]. acts false: the answer falls to zero, until it is true again; then it rises from there (ramp.h). */
+    /* Set the linearization after a step.
+     * now: time [s]
+     * acts: false makes the wrench decay to zero until it is true again; it then rises as in ramp.h */
     void frame(double now, const pliant_tool_linear &linear, bool acts);
-    void stop() { acts_ = false; } /* until a frame says otherwise */
-    /* At a pose in tissue axes: of the tool on the tissue [N, N m]. */
+    void stop() { acts_ = false; } /* the wrench decays to zero until the next frame */
+    /* Compute the wrench of the tool on the tissue at a pose, in tissue axes [N, N m]. */
     void answer(double now, const double tip[3], const double rotation[4], double out[6]);
 
-    double energy() const { return energy_; }      /* put in since it took hold, less what was given back [J] */
-    unsigned long held_back() const { return held_back_; } /* answers that were made less for it */
+    /* energy put in since the contact began minus the energy returned [J] */
+    double energy() const { return energy_; }
+    unsigned long held_back() const { return held_back_; } /* number of wrenches reduced for passivity */
 
 private:
     void wanted(double now, const double tip[3], const double rotation[4], double out[6]) const;
@@ -44,9 +49,10 @@ private:
     double frame_at_ = 0, blend_from_ = 0, blend_for_ = 0, offset_[6] = {};
     Ramp ramp_;
     bool answered_ = false;
-    pliant_tool_linear last_{}; /* pose and wrench of the last answer */
-    double motion_[6] = {}, trend_[6] = {}, moved_at_ = -1, reach_ = 0; /* the last motion, the mean and the longest of the last ones */
-    double rests_at_[3] = {}, rests_from_ = 0; /* the hand is where it was then */
+    pliant_tool_linear last_{}; /* pose and wrench of the last query */
+    /* last motion, mean motion, time of the last motion, and longest recent motion */
+    double motion_[6] = {}, trend_[6] = {}, moved_at_ = -1, reach_ = 0;
+    double rests_at_[3] = {}, rests_from_ = 0; /* position and time since which the hand rests */
     double energy_ = 0;
     unsigned long held_back_ = 0;
 };

@@ -8,7 +8,7 @@ namespace pliant_ros {
 
 namespace {
 
-const double longest_step = 0.5; /* after which a linearization is of no use [s] */
+const double longest_step = 0.5; /* maximum age of a linearization [s] */
 
 double seconds(Clock::time_point time) { return std::chrono::duration<double>(time.time_since_epoch()).count(); }
 
@@ -37,7 +37,7 @@ FastForces::FastForces(ros::NodeHandle handle, const Parameters &parameters, Too
         return;
     }
     answers_hands() = true;
-    /* and the thread that reads and writes this process's connections, from inside */
+    /* raise the priority of roscpp's network thread as well; the call must come from that thread */
     networking_ = ros::PollManager::instance()->addPollThreadListener([this] {
         if (!networking_raised_.exchange(true)) make_urgent(pthread_self());
     });
@@ -68,9 +68,10 @@ void FastForces::take_pose(Arm *arm, const topic_tools::ShapeShifter &message)
     geometry_msgs::PoseStamped sent;
     Rigid pose;
     std::string why;
-    if (!pose_from_any_message(message, arm->own_frame, &sent, &why) || !tool_pose_from_message(sent, &pose, &why)) return; /* as if it were silent */
+    /* an invalid pose counts as no pose */
+    if (!pose_from_any_message(message, arm->own_frame, &sent, &why) || !tool_pose_from_message(sent, &pose, &why)) return;
     std::lock_guard<InheritingMutex> hold(arm->lock);
-    if (sent.header.frame_id != arm->sample.frame) return; /* a step knows where that is */
+    if (sent.header.frame_id != arm->sample.frame) return; /* the step computes the transform of a new frame */
     pose = arm->filter.next(sent.header.stamp.toSec(), sent.header.frame_id, pose);
     arm->sample.in_tissue = multiply(arm->tissue_from_frame, pose);
     arm->has_pose = true;
@@ -101,9 +102,10 @@ void FastForces::frame(size_t tool, const pliant_data &data, const ToolSample &s
     const Clock::time_point now = Clock::now();
     const bool known = arm.has_pose && arm.sample.frame == sample.frame;
     const Rigid in_tissue = known ? arm.sample.in_tissue : sample.in_tissue;
-    if (sample.present || !arm.sample.present) { /* what falls does so where the tool was last */
+    /* for an absent tool, the decaying force stays at the tool's last position */
+    if (sample.present || !arm.sample.present) {
         arm.sample = sample;
-        arm.sample.in_tissue = in_tissue; /* the newest pose, not that of the step */
+        arm.sample.in_tissue = in_tissue; /* most recent pose instead of the step's pose */
         arm.tissue_from_frame = inverse(sample.frame_from_tissue);
     }
     arm.frame_at = now;

@@ -1,5 +1,6 @@
-/* Wrenches at the rate of a hand controller: a thread of its own that answers every pose as it comes, and at ~wrench_rate where none comes,
- * from the linearization of the last step (between.h). Not there unless ~wrench_rate is set. */
+/* Publish wrenches at the rate of a hand controller. A separate thread answers every pose immediately, and publishes at
+ * ~wrench_rate if no pose arrives. The wrenches come from the linearization of the last step (between.h). Without
+ * ~wrench_rate the thread does not exist. */
 #ifndef PLIANT_ROS_SIM_FAST_FORCES_H
 #define PLIANT_ROS_SIM_FAST_FORCES_H
 
@@ -17,35 +18,37 @@ namespace pliant_ros {
 
 class FastForces {
 public:
-    /* queue: what the thread works off; the tools' poses and jaws come there, too, so that no ordinary thread holds it */
+    /* queue: callback queue of this thread, which also receives the tools' poses and jaws so that no thread of lower
+     * priority locks it */
     FastForces(ros::NodeHandle handle, const Parameters &parameters, Tools *tools, ros::CallbackQueue *queue);
     ~FastForces();
     bool is_on() const { return rate_ > 0; }
 
-    /* After a step, by the simulation. acts false: forces are zero. */
+    /* Set the linearization of a tool; called by the simulation after a step.
+     * acts: false makes the forces decay to zero */
     void frame(size_t tool, const pliant_data &data, const ToolSample &sample, bool acts);
-    /* After one that broke off: forces fall to zero, until frame says otherwise. */
+    /* Make the forces decay to zero until the next frame; called after a failed step. */
     void stop(size_t tool);
 
 private:
     struct Arm {
         size_t index;
-        std::string own_frame; /* of poses that name none */
-        pliant_tool_linear linear{}; /* the simulation's own */
-        InheritingMutex lock; /* of what follows */
+        std::string own_frame; /* frame of poses without a frame */
+        pliant_tool_linear linear{}; /* used only by the simulation thread */
+        InheritingMutex lock; /* guards the members below */
         Between between;
         PoseFilter filter;
-        ToolSample sample{}; /* of the last step, at the last pose */
+        ToolSample sample{}; /* tool at the last step, with its most recent pose */
         Rigid tissue_from_frame;
         bool has_pose = false;
         Clock::time_point pose_at{}, frame_at{}, answered_at{};
-        ros::Subscriber pose_in; /* last: it goes first */
+        ros::Subscriber pose_in; /* declared last, so that it is destroyed first */
         explicit Arm(double most) : between(most) {}
     };
 
     void run();
     void take_pose(Arm *arm, const topic_tools::ShapeShifter &message);
-    /* locked */
+    /* call with the arm locked */
     void answer(Arm *arm, const ros::Time &stamp);
     bool is_stale(const Arm &arm, Clock::time_point now) const;
 

@@ -13,13 +13,14 @@ namespace pliant_ros {
 
 namespace {
 
-/* One number of the settings. Option NULL: not of a scene but of the node, whose parameter has the name with a slash. */
+/* One numeric setting. option is NULL for a setting of the node instead of the scene; its parameter has the name with a
+ * slash. */
 struct Entry {
     const char *name;
     const char *option;
     double *(*real)(LiveSettings *);
     int32_t *(*whole)(LiveSettings *);
-    const char *text; /* where the option does not say it all */
+    const char *text; /* overrides the option's description */
 };
 
 const Entry entries[] = {
@@ -41,9 +42,9 @@ const Entry entries[] = {
      "where the sagittal slice lies: 0 at the right, 1 at the left of the patient"},
 };
 
-/* the one that is a choice */
+/* the only enumeration */
 const char *const SCALAR = "scalar", *const SCALAR_OPTION = "output/scalar";
-/* the one that is three */
+/* the only vector */
 const char *const GRAVITY_OPTION = "model/gravity";
 
 struct Range {
@@ -51,7 +52,7 @@ struct Range {
     double low, high;
 };
 
-/* of every option of the groups above; only those of numbers mean something */
+/* Ranges of all options in the groups above; only entries of numeric options are used. */
 const Range ranges[] = {
 #define MODEL_RANGE(kind, name, value, low, high, unit, text) {"model/" #name, unit, text, low, high},
 #define SOLVER_RANGE(kind, name, value, low, high, unit, text) {"solver/" #name, unit, text, low, high},
@@ -60,7 +61,7 @@ const Range ranges[] = {
 #define OUTPUT_RANGE(kind, name, value, low, high, unit, text) {"output/" #name, unit, text, low, high},
     PLIANT_SCENE_MODEL(MODEL_RANGE) PLIANT_SCENE_SOLVER(SOLVER_RANGE) PLIANT_SCENE_GRASP(GRASP_RANGE)
     PLIANT_SCENE_WARP(WARP_RANGE) PLIANT_SCENE_OUTPUT(OUTPUT_RANGE)
-    {nullptr, "", "", 0, 1} /* the node's own fractions */
+    {nullptr, "", "", 0, 1} /* fractions in [0, 1] of the node's own settings */
 };
 
 const Range &range_of(const Entry &entry)
@@ -97,7 +98,7 @@ void append(const Entry &entry, double value, dynamic_reconfigure::Config *confi
     }
 }
 
-/* As a parameter of its option; the three of a vector are one. */
+/* Store a value on the parameter server under its option's name; a vector is one parameter. */
 bool store(const std::string &path, const XmlRpc::XmlRpcValue &value)
 {
     XmlRpc::XmlRpcValue request, response, payload;
@@ -114,7 +115,7 @@ std::string path_of(const Entry &entry)
     return path;
 }
 
-/* those of the paths alone */
+/* Store only the settings with these paths. */
 bool store(const std::string &name, LiveSettings settings, const std::set<std::string> &paths)
 {
     XmlRpc::XmlRpcValue gravity;
@@ -136,7 +137,7 @@ void append_scalar(pliant_scalar scalar, dynamic_reconfigure::Config *config)
     config->strs.back().value = scalar_name(scalar);
 }
 
-/* As rqt_reconfigure has a choice: a dictionary of Python. */
+/* Describe the enumeration as rqt_reconfigure expects it: a Python dictionary as text. */
 dynamic_reconfigure::ParamDescription describe_scalar()
 {
     dynamic_reconfigure::ParamDescription out;
@@ -224,7 +225,7 @@ Live::Live(ros::NodeHandle handle, const Parameters &parameters) : name_(handle.
 
 Live::~Live()
 {
-    service_.shutdown(); /* it uses what goes before it */
+    service_.shutdown(); /* stop the service before the members that it uses */
     {
         std::lock_guard<std::mutex> hold(lock_);
         stopping_ = true;

@@ -1,5 +1,6 @@
-/* What may change while the simulation runs, by dynamic_reconfigure; what was set so is on the parameter server, too, under the options' names. Names, ranges and descriptions come from the
-   scene's own list of options, at run time: no second list in a .cfg file can drift from it. */
+/* Settings that may change while the simulation runs, through dynamic_reconfigure. Changed settings are also stored on
+ * the parameter server under the options' names. Names, ranges and descriptions come from the scene's list of options
+ * at run time, so no .cfg file can contradict them. */
 #ifndef PLIANT_ROS_SIM_LIVE_H
 #define PLIANT_ROS_SIM_LIVE_H
 
@@ -20,31 +21,32 @@ using dynamic_reconfigure::Reconfigure;
 
 struct LiveSettings {
     double gravity[3];            /* LPS [m/s^2] */
-    double stiffness, damping;    /* of a grasp [N/m, N s/m] */
+    double stiffness, damping;    /* of a grasp constraint [N/m, N s/m] */
     int32_t iterations;
     double tolerance;
     double warp_rate, mesh_rate, slice_rate; /* [Hz] */
-    double slice[3];              /* axial, coronal, sagittal: fraction */
-    pliant_scalar scalar;         /* on mesh/state */
+    double slice[3];              /* axial, coronal, sagittal: fraction of the volume's box */
+    pliant_scalar scalar;         /* scalar field on mesh/state */
 };
 
 class Live {
 public:
-    /* handle: private to the node. */
+    /* handle: private to the node */
     Live(ros::NodeHandle handle, const Parameters &parameters);
     ~Live();
     Live(const Live &) = delete;
 
     LiveSettings get() const;
-    /* Called with what is set from now on, whenever that changes. */
+    /* Call a function with the new settings after each change. */
     void when_changed(std::function<void(const LiveSettings &)> tell);
-    /* What another scene says of these; slices stay. */
+    /* Set the settings from another scene; slice positions stay. */
     void assign(const pliant_scene &scene);
-    /* After one that was started with one scene, and had the other's settings in the end: those hold, but what was told otherwise since. */
+    /* Restore the settings of an earlier process, which was started with the scene `start` and ended with `last`.
+     * Settings changed in this process stay. */
     void go_on(const pliant_scene &start, const pliant_scene &last);
-    /* On the parameter server once more: it may be another one. */
+    /* Store all changed settings again on a restarted parameter server. */
     void store_again();
-    /* Into a scene that is to be built. */
+    /* Copy the settings to a scene before a model is built. */
     void apply(pliant_scene *scene) const;
 
 private:
@@ -55,11 +57,11 @@ private:
     const std::string name_;
     mutable std::mutex lock_;
     LiveSettings settings_;
-    std::set<std::string> set_; /* options that somebody has set while it runs: those are on the parameter server */
+    std::set<std::string> set_; /* options changed at run time, which are stored on the parameter server */
     std::function<void(const LiveSettings &)> tell_;
     ros::Publisher descriptions_, updates_;
     ros::ServiceServer service_;
-    /* a master that does not answer holds up nobody else */
+    /* a separate thread stores parameters, so that an unresponsive master blocks no other thread */
     std::condition_variable changed_;
     bool unstored_ = true, stopping_ = false;
     std::thread storer_;

@@ -30,9 +30,9 @@ uint64_t checksum(const pliant_volume &volume)
     return hash(hash(0xcbf29ce484222325u, head, sizeof head), volume.voxels, bytes);
 }
 
-const size_t HEX = 16; /* digits of a checksum */
+const size_t HEX = 16; /* number of hexadecimal digits of a checksum */
 
-/* of an id, without the checksum at its end, if there is one */
+/* Return an ID without the checksum at its end. */
 std::string name_in(const std::string &id)
 {
     if (id.size() <= HEX || id[id.size() - HEX - 1] != '-') return id;
@@ -40,7 +40,8 @@ std::string name_in(const std::string &id)
     return is_checksum ? id.substr(0, id.size() - HEX - 1) : id;
 }
 
-/* Folders of different patients often have one name: the checksum of voxels and geometry makes the id unique. */
+/* Append a checksum of voxels and geometry to the ID, because folders of different patients often have the same
+ * name. */
 void make_unique(uint64_t voxels, pliant_volume *volume)
 {
     const pliant_geometry &geometry = volume->geometry;
@@ -103,7 +104,7 @@ std::shared_ptr<Loaded> build(const pliant_scene &scene, std::shared_ptr<const S
 
 namespace {
 
-/* part of a bar */
+/* A part of a progress bar. */
 struct Part {
     pliant_progress whole;
     double from, to;
@@ -133,7 +134,7 @@ pliant_choice choose(const pliant_scene &scene, const Scan &scan, const pliant_m
 std::shared_ptr<Loaded> build_chosen(const pliant_scene &scene, std::shared_ptr<const Scan> scan,
                                      const pliant_material_table &materials, pliant_progress progress)
 {
-    const double chosen = scene.choose.budget_ms > 0 ? 0.9 : 0; /* of the whole work */
+    const double chosen = scene.choose.budget_ms > 0 ? 0.9 : 0; /* fraction of the whole work */
     Part first{progress, 0, chosen}, last{progress, chosen, 1};
     pliant_choice choice = choose(scene, *scan, materials, first.progress());
     std::shared_ptr<Loaded> loaded = build(choice.scene, std::move(scan), materials, last.progress());
@@ -146,7 +147,7 @@ pliant_choice measure(const pliant_scene &scene, const Scan &scan, const pliant_
                       pliant_progress progress)
 {
     pliant_scene fixed = scene;
-    fixed.choose.budget_ms = 1e6; /* any time will do */
+    fixed.choose.budget_ms = 1e6; /* no time limit, since only the error is measured */
     fixed.choose.max_error = 0;
     fixed.choose.method = fixed.choose.coarse_cells = fixed.choose.ratio = fixed.choose.iterations = false;
     return choose(fixed, scan, materials, progress);

@@ -1,4 +1,4 @@
-/* A simulation between two steps: what another process needs to go on from there. */
+/* A simulation between two steps, with everything that another process needs to continue it. */
 #ifndef PLIANT_ROS_SIM_MOMENT_H
 #define PLIANT_ROS_SIM_MOMENT_H
 
@@ -11,9 +11,9 @@ namespace pliant_ros {
 
 struct Moment {
     Snapshot snapshot;
-    uint64_t sequence = 0, strokes = 0; /* turns since load or reset; cuts by services */
+    uint64_t sequence = 0, strokes = 0; /* number of steps since load or reset; number of cuts by services */
     bool paused = false;
-    std::vector<std::string> holding, touching; /* names of tools that held or touched tissue */
+    std::vector<std::string> holding, touching; /* names of tools that grasped or touched tissue */
     std::vector<uint8_t> state;  /* simulation state (pliant_state_write) */
 };
 
@@ -29,7 +29,7 @@ inline SavedState create_state()
     return SavedState(state);
 }
 
-/* The simulation's part of a moment. Throws Failure. */
+/* Store the state of a simulation in a moment. Throws Failure. */
 inline void take_state(const pliant_model &model, pliant_data *data, Moment *out)
 {
     for (int tool = 0; tool < pliant_data_get_num_tools(data); ++tool) {
@@ -44,7 +44,7 @@ inline void take_state(const pliant_model &model, pliant_data *data, Moment *out
     pliant_state_write(state.get(), out->state.size(), out->state.data());
 }
 
-/* Restore it in a new simulation that has its tools. Throws Failure. */
+/* Restore the state in a new simulation that has the same tools. Throws Failure. */
 inline void put_back(const Moment &moment, const pliant_model &model, pliant_data *data)
 {
     const SavedState state = create_state();

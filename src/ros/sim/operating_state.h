@@ -1,4 +1,5 @@
-/* CRTK's state of an arm: crtk_msgs/operating_state, which Debian's ROS has no package of; here as on the wire. */
+/* CRTK operating state of an arm. Debian's ROS has no package with crtk_msgs/operating_state, so this struct defines
+ * the same wire format. */
 #ifndef PLIANT_ROS_SIM_OPERATING_STATE_H
 #define PLIANT_ROS_SIM_OPERATING_STATE_H
 
@@ -12,10 +13,10 @@ namespace pliant_ros {
 
 struct OperatingState {
     std_msgs::Header header;
-    std::string state = "DISABLED"; /* or ENABLED, PAUSED, FAULT */
+    std::string state = "DISABLED"; /* DISABLED, ENABLED, PAUSED or FAULT */
     uint8_t is_homed = 0, is_busy = 0;
 
-    /* Why the arm is not where it says, or does not keep what it holds; empty: it is. One that is PAUSED stays where it is. */
+    /* Return why the arm's pose is not valid; empty if it is. A PAUSED arm keeps its pose. */
     std::string why_not() const { return state != "ENABLED" && state != "PAUSED" ? "the arm is " + state : is_homed ? "" : "the arm is not homed"; }
 };
 

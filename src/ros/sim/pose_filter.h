@@ -1,5 +1,5 @@
-/* Measured poses, smoothed where somebody asks for it (~pose_filter): a first-order low-pass over position and orientation, by the poses' own
- * stamps. What it takes of the jitter it gives back as delay, 1 / (2 pi cutoff) of it. No ROS. */
+/* Low-pass filter for measured poses (~pose_filter). It filters position and orientation to first order, with the time
+ * stamps of the poses, and adds a delay of 1 / (2 pi cutoff). This class does not use ROS. */
 #ifndef PLIANT_ROS_SIM_POSE_FILTER_H
 #define PLIANT_ROS_SIM_POSE_FILTER_H
 
@@ -13,10 +13,12 @@ namespace pliant_ros {
 
 class PoseFilter {
 public:
-    /* cutoff [Hz]; 0: poses stay as they come */
+    /* cutoff: frequency [Hz]; 0 disables the filter */
     explicit PoseFilter(double cutoff = 0) : cutoff_(cutoff) {}
 
-    /* The next one, by its stamp [s]. After a gap, or in another frame, it begins anew; one that is no newer changes nothing. */
+    /* Filter the next pose. A gap of 0.1 s or another frame restarts the filter; a pose that is not newer has no
+     * effect.
+     * stamp: [s] */
     Rigid next(double stamp, const std::string &frame, const Rigid &pose)
     {
         const double gap = 0.1, elapsed = stamp - stamp_; /* [s] */
@@ -27,7 +29,8 @@ public:
         for (int i = 0; i < 4; ++i) dot += last_.rotation[i] * pose.rotation[i];
         for (int d = 0; d < 3; ++d) last_.translation[d] += share * (pose.translation[d] - last_.translation[d]);
         for (int i = 0; i < 4; ++i) {
-            last_.rotation[i] += share * ((dot < 0 ? -1 : 1) * pose.rotation[i] - last_.rotation[i]); /* neighbours: a straight line will do */
+            /* consecutive orientations are close, so linear interpolation suffices */
+            last_.rotation[i] += share * ((dot < 0 ? -1 : 1) * pose.rotation[i] - last_.rotation[i]);
             square += last_.rotation[i] * last_.rotation[i];
         }
         for (double &q : last_.rotation) q /= std::sqrt(square);

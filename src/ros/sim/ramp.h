@@ -1,5 +1,5 @@
-/* What acts on a hand begins and ends softly: it rises where nothing acted before, and falls where what acted is lost or held still. No ROS,
- * no clock of its own. */
+/* Ramp for the force on a hand. A force that starts suddenly rises gradually, and a lost force decays. This class uses
+ * neither ROS nor a clock. */
 #ifndef PLIANT_ROS_SIM_RAMP_H
 #define PLIANT_ROS_SIM_RAMP_H
 
@@ -9,23 +9,26 @@ namespace pliant_ros {
 
 class Ramp {
 public:
-    /* wrench: as it is wanted, at a time [s]; becomes what is to be told. */
+    /* Scale a wrench.
+     * now: time [s]
+     * wrench: input: computed wrench; output: wrench to publish */
     void apply(double now, bool acts, double wrench[6])
     {
         const bool none = std::all_of(wrench, wrench + 6, [](double x) { return x == 0; });
         if (acts && !acts_) began_ = now;
-        if (acts && none) began_ = now - RISE; /* a force that begins at zero needs no ramp */
+        if (acts && none) began_ = now - RISE; /* a force that starts at zero needs no ramp */
         acts_ = acts;
         if (acts) acted_at_ = now;
         const double part = acts ? std::min((now - began_) / RISE, 1.0) : std::max(1 - (now - acted_at_) / FALL, 0.0);
         for (int i = 0; i < 6; ++i) wrench[i] = part * (acts ? wrench[i] : last_[i]);
         if (acts) told(wrench);
     }
-    /* Less than it said: it falls from there. */
+    /* Set a smaller published wrench, from which the force decays. */
     void told(const double wrench[6]) { std::copy(wrench, wrench + 6, last_); }
 
 private:
-    static constexpr double RISE = 0.2, FALL = 0.03; /* [s]; zero well within 50 ms, after a step of 20 ms */
+    /* times to rise and decay [s]; the decay and a step of 20 ms end within 50 ms */
+    static constexpr double RISE = 0.2, FALL = 0.03;
     bool acts_ = false;
     double began_ = 0, acted_at_ = -1e300, last_[6] = {};
 };

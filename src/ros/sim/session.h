@@ -1,4 +1,4 @@
-/* What a simulation was made from, as a message, and the same simulation made of it again. */
+/* Convert between a simulation's inputs and a Session message, from which the same simulation can be built again. */
 #ifndef PLIANT_ROS_SIM_SESSION_H
 #define PLIANT_ROS_SIM_SESSION_H
 
@@ -18,20 +18,21 @@ using pliant::Session;
 std::string scene_text(const pliant_scene &scene);
 /* Throws Failure. */
 pliant_scene scene_of(const std::string &text);
-/* Into what a scene says at load; the header is the caller's. */
+/* Fill in a session from the scene at load; the caller sets the header. */
 void session_message(const Loaded &loaded, Session *out);
 void settings_message(const LiveSettings &settings, Session *out);
-/* The settings of a session, in a scene. */
+/* Apply the settings of a session to a scene. */
 void apply_settings(const Session &session, pliant_scene *scene);
-/* Whether the same model is made of both. */
+/* Return whether both sessions describe the same model. */
 bool same_model(const Session &a, const Session &b);
 
-/* Where scans are looked for: as somebody names one here, beside that by its name, and where it was. */
+/* Locations at which a recorded scan is searched: the path given by the user, the recorded file name in the same
+ * folder, and the recorded path. */
 class Shelf {
 public:
-    /* named: empty where recorded paths are true */
+    /* scan, labels: paths given by the user; empty: the recorded paths are valid */
     explicit Shelf(std::string scan = "", std::string labels = "") : scan_(std::move(scan)), labels_(std::move(labels)) {}
-    /* With the voxels and labels of a session. Throws Failure, which tells where it has looked. */
+    /* Return the scan whose voxels and labels match a session. Throws Failure with the searched locations. */
     std::shared_ptr<const Scan> find(const Session &session);
 
 private:
@@ -44,13 +45,13 @@ private:
 /* Throws Failure. */
 std::shared_ptr<Loaded> build_session(const Session &session, std::shared_ptr<const Scan> scan, pliant_progress progress);
 
-/* The topic `session`. Any thread may tell it. */
+/* Publish the topic `session`. Thread-safe. */
 class Sessions {
 public:
     Sessions(ros::NodeHandle handle, const std::string &frame);
     void loaded(const Loaded &loaded, const LiveSettings &settings);
     void set(const LiveSettings &settings);
-    /* As it was published last. */
+    /* Return the last published session. */
     Session now() const;
 
 private:

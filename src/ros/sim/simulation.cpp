@@ -10,7 +10,7 @@ namespace {
 
 enum { TIMING_RATE = 10 /* [Hz] */, HOLD_SECONDS = 2 /* that tools have to come back */, STEP_QUEUE = 1024 /* a recorder that is held up misses none */ };
 
-/* of sorted values */
+/* sorted: ascending values */
 double percentile(const std::vector<double> &sorted, double fraction)
 {
     if (sorted.empty()) return 0;
@@ -80,7 +80,8 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
         next->revision = current_ ? revision_of(*current_, pliant_data_get_last_revision(data_.get())) + 1 : from ? from->snapshot.revision + 1 : 1;
         current_.swap(next);
         data_.swap(data);
-        sequence_ = from ? from->sequence + 1 : 0; /* a gap: nobody can compute this from a load or a reset on */
+        /* the gap in the numbers shows that these steps cannot be recomputed from a load or a reset */
+        sequence_ = from ? from->sequence + 1 : 0;
         made_.clear();
         made_count_ = from ? from->strokes : made_count_;
         lost_ = from ? from->holding : decltype(lost_)();
@@ -96,7 +97,7 @@ void Simulation::swap(std::shared_ptr<Loaded> next, const Moment *from)
         health_.is_paused = paused_;
         health_.backend = pliant_data_get_backend(data_.get());
     });
-    data.reset(); /* before its model, which `next` holds */
+    data.reset(); /* the data refer to the model, which `next` keeps */
 }
 
 void Simulation::tell_who_holds_nothing(const pliant_scene &scene) const
@@ -196,7 +197,7 @@ void Simulation::run()
     Clock::time_point next = Clock::now();
     for (;;) {
         {
-            /* without a model there is nothing to do but wait for one */
+            /* without a model, wait until one is set */
             std::unique_lock<std::mutex> hold(lock_);
             if (!current_) work_there_.wait(hold, [this] { return stopping_ || !work_.empty(); });
             else work_there_.wait_until(hold, next, [this] { return stopping_ || !work_.empty(); });
@@ -221,11 +222,11 @@ void Simulation::run()
             report_failure(failed);
         }
         end_work();
-        next = std::max(next + period, Clock::now()); /* a missed deadline is not caught up with */
+        next = std::max(next + period, Clock::now()); /* a missed deadline is not made up for */
     }
 }
 
-/* all that is done for one step */
+/* Compute one step. */
 void Simulation::turn(Clock::time_point start)
 {
     ros::Time now = ros::Time::now();
@@ -241,14 +242,15 @@ void Simulation::turn(Clock::time_point start)
     step.paused = waits || paused_;
     const pliant_status status = waits ? PLIANT_OK : make_step(*current_->model, data_.get(), background_, step);
     if (status < 0) state_->set(SimState::FAULT, pliant_last_error());
-    else if (!broke_ && !step.paused) state_->set(SimState::RUNNING, ""); /* after a turn that broke off, only once one is whole */
+    /* after a failed step, the state is RUNNING only after a complete step */
+    else if (!broke_ && !step.paused) state_->set(SimState::RUNNING, "");
     show(now);
     publish(now);
     publish_step(status, &step);
     measure(std::chrono::duration<double>(Clock::now() - start).count());
 }
 
-/* Out of memory, say: told, forces fall, and the next step tries again. */
+/* Report a failed step, for example when memory is exhausted. Forces decay, and the next step tries again. */
 void Simulation::report_failure(const std::exception &failed)
 {
     for (size_t i = 0; i < samples_.size(); ++i) {
@@ -256,18 +258,19 @@ void Simulation::report_failure(const std::exception &failed)
             if (fast_forces_->is_on()) fast_forces_->stop(i);
             else publish_force(i, pliant_tool_state{}, false, ros::Time::now());
         } catch (const std::exception &) {
-            /* not published; the next one begins with a rise all the same */
+            /* the force is not published; the next force rises gradually nevertheless */
         }
     }
     try {
         state_->set(SimState::FAULT, failed.what());
         ROS_ERROR_THROTTLE(5, "a step broke off: %s", failed.what());
     } catch (const std::exception &) {
-        /* no memory even for that; the state stays as it was told last */
+        /* no memory to publish the message, so the last published state stays */
     }
 }
 
-/* A jump back (a bag that starts anew, a simulator reset) makes every stamp so far meaningless: no tool is there in this turn. */
+/* Return whether time has jumped back (a restarted bag, a simulator reset), which makes all earlier stamps invalid. All
+ * tools are absent in this step. */
 bool Simulation::jumped_back(const ros::Time &now)
 {
     const bool jumped = now < last_time_;
@@ -309,7 +312,8 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
         const bool news = tools_->exchanged(i, &shape);
         if (tools_->parameters(i).shape_follows) set_shape(shape, &input);
         input.exchanged = tools_->parameters(i).shape_follows && (news || anew_);
-        /* a jaw takes hold as it closes; one that comes closed pushes past the tissue, and one that holds by contact takes nothing */
+        /* A jaw grasps when it closes. A tool that arrives closed pushes the tissue, and a tool that holds by contact
+         * needs no grasp constraint. */
         input.closed = sample.present && sample.jaw == JAW_CLOSED && tools_->parameters(i).grasps;
         const bool holds_by_contact = pliant_tool_shape_holds(pliant_model_get_scene(current_->model), &shape);
         input.closes = input.closed && was_open_[i] && !holds_by_contact;
@@ -320,7 +324,7 @@ void Simulation::take_tools(const ros::Time &now, bool forgotten, Step *out)
     anew_ = false;
 }
 
-/* Log once a second that jaws have closed and taken nothing, until they open. */
+/* Log once a second that jaws have closed without a grasp, until they open. */
 void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
 {
     if (!tools_->parameters(tool).grasps) return;
@@ -335,8 +339,8 @@ void Simulation::tell_of_missed_closing(size_t tool, bool holds_by_contact)
                  jaw.why.c_str());
 }
 
-/* Tools that held or touched tissue when the process before this one ended are part of the restored state. Until they are there again, with a known jaw, the
- * state stays as it is: return true. */
+/* Return true while a restored state waits for the tools that held or touched tissue in the previous process. Until
+ * they are present with a known jaw angle, the simulation does not step. */
 bool Simulation::waits_for_tools(const Step &step)
 {
     const bool is_late = Clock::now() >= lost_until_;
@@ -355,7 +359,7 @@ bool Simulation::waits_for_tools(const Step &step)
     return false;
 }
 
-/* Of no motion: with their names, blades and shapes. */
+/* Return the tools at rest, with their names, blades and shapes. */
 std::vector<ToolInput> Simulation::tool_inputs() const
 {
     std::vector<ToolInput> out(tools_->size());
@@ -410,7 +414,7 @@ void Simulation::publish_force(size_t tool, const pliant_tool_state &state, bool
     tool_wrench(state, wrench, wrench + 3);
     ramps_[tool].apply(std::chrono::duration<double>(Clock::now().time_since_epoch()).count(), acts, wrench);
     if (acts) acted_[tool] = samples_[tool];
-    /* what falls does so where the tool was last */
+    /* for an absent tool, the decaying force stays at the tool's last position */
     const bool falls = !acts && std::any_of(wrench, wrench + 6, [](double x) { return x != 0; });
     tools_->publish_force(tool, falls ? acted_[tool] : samples_[tool], wrench, wrench + 3, now);
 }

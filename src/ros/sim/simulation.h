@@ -1,4 +1,4 @@
-/* The thread that steps: tools in, forces out, at the rate of the scene. */
+/* Simulation thread: reads tools, computes steps, and publishes forces at the rate of the scene. */
 #ifndef PLIANT_ROS_SIM_SIMULATION_H
 #define PLIANT_ROS_SIM_SIMULATION_H
 
@@ -19,24 +19,28 @@
 
 namespace pliant_ros {
 
-/* For diagnostics, over the last second. */
+/* Statistics of the last second, for diagnostics. */
 struct StepHealth {
     bool is_loaded, is_paused;
-    double rate, p50, p99, period; /* steps a second; of whole steps [s]; wanted between two [s] */
-    uint64_t missed;               /* steps that took longer than their period, since the start */
-    uint64_t slow;                 /* steps, and what runs between two of them, that took longer than slow_after, since the start */
-    double last_slow, busy_for;    /* the last one of those; the present one, which has not ended; 0: none [s] */
+    /* rate [steps/s]; median and 99th percentile of the step time [s]; target period [s] */
+    double rate, p50, p99, period;
+    uint64_t missed;               /* number of steps since the start that took longer than their period */
+    /* number of steps and tasks between steps since the start that took longer than slow_after */
+    uint64_t slow;
+    /* duration of the last such step; time since the start of the running step, 0: none [s] */
+    double last_slow, busy_for;
     uint64_t failed, not_converged;
     int32_t iterations, inverted, legs;
-    double residual, proxy_error;  /* proxy_error: the largest, after the last step [m] */
-    uint64_t ended_early;          /* steps that ended before proxies were at their tools, since the start */
-    pliant_step_end last_end;      /* reason of the last such step; PLIANT_STEP_END_NONE: there is none */
+    double residual, proxy_error;  /* proxy_error: maximum over the tools after the last step [m] */
+    /* number of steps since the start that ended before all proxies reached their tools */
+    uint64_t ended_early;
+    pliant_step_end last_end;      /* reason of the last such step; PLIANT_STEP_END_NONE: none */
     size_t bytes;
-    uint32_t revision;   /* after the last step; 0: none was made */
-    const char *backend; /* who runs the steps: cpu or cuda; NULL: nothing is loaded */
+    uint32_t revision;   /* revision after the last step; 0: no step was computed */
+    const char *backend; /* cpu or cuda; NULL: nothing is loaded */
 };
 
-/* A step that takes longer than this is an error for a robot [s]. */
+/* A step longer than this is unacceptable for a robot [s]. */
 const double slow_after = 0.5;
 
 class Simulation {
@@ -45,19 +49,22 @@ public:
                FastForces *fast_forces, Snapshots *snapshots);
     ~Simulation();
 
-    /* Put another model in at the next step boundary, at rest and with the same tools; it gets its revision. The old one
-       stays until then, and is freed by the calling thread. from: Nullable; of that model, to go on from instead. Throws Failure, and
-       then nothing changed. */
+    /* Replace the model between two steps. The new model starts at rest with the same tools and gets a revision. The
+     * old model stays until then; the calling thread frees it.
+     * from: Nullable; state of the new model to start from
+     * Throws Failure; then nothing has changed. */
     void swap(std::shared_ptr<Loaded> next, const Moment *from = nullptr);
     /* Empty before the first swap. */
     std::shared_ptr<const Loaded> loaded() const;
-    /* Positions now. Throws Failure when nothing is loaded. */
+    /* Return the current positions. Throws Failure if nothing is loaded. */
     Snapshot snapshot();
-    /* And what else another process needs to go on. */
+    /* Return the positions and everything that another process needs to continue. Throws Failure. */
     Moment moment();
-    /* Body 0 again. */
+    /* Restore the initial body and the state at rest. */
     void reset();
-    /* Cut at once, or undo; after: the revision from then on. Throws Failure, and then nothing changed. */
+    /* Cut immediately, or undo a cut.
+     * after: revision after the cut
+     * Throws Failure; then nothing has changed. */
     pliant_cut_report cut(const CutInput &input, uint32_t *after);
     void pause(bool paused);
     StepHealth health() const;
@@ -66,7 +73,7 @@ private:
     void run();
     void turn(Clock::time_point start);
     void report_failure(const std::exception &failed);
-    /* Run by the simulation between two steps; returns when done. */
+    /* Run a function in the simulation thread between two steps, and wait for its end. */
     void at_boundary(std::function<void()> work);
     void do_boundary_work();
     bool jumped_back(const ros::Time &now);
@@ -99,36 +106,36 @@ private:
     ros::Publisher timing_, steps_, cuts_;
     Rate timing_rate_, inverted_rate_;
 
-    /* the simulation's own; others reach them by at_boundary */
+    /* used only by the simulation thread; other threads use at_boundary */
     std::shared_ptr<Loaded> current_;
     Data data_;
-    bool paused_ = false, broke_ = false; /* broke: the turn before this one */
-    uint64_t sequence_ = 0; /* turns since load or reset */
-    std::vector<CutInput> made_; /* cuts since the last turn */
+    bool paused_ = false, broke_ = false; /* broke_: the previous step failed */
+    uint64_t sequence_ = 0; /* number of steps since load or reset */
+    std::vector<CutInput> made_; /* cuts since the last step */
     uint64_t made_count_ = 0;
-    std::vector<std::string> lost_; /* tools that acted on the tissue when the process before this one ended, until they are there */
+    std::vector<std::string> lost_; /* missing tools that acted on the tissue when the previous process ended */
     Clock::time_point lost_until_;
-    std::vector<ToolSample> samples_, acted_; /* acted: as a tool was there last */
-    std::vector<Ramp> ramps_;                 /* of the forces, one a tool */
-    std::vector<bool> was_open_; /* the jaw, at the step before */
-    /* Of a tool's jaw, whether or not the tool is present. */
+    std::vector<ToolSample> samples_, acted_; /* acted_: each tool when it was last present */
+    std::vector<Ramp> ramps_;                 /* one force ramp per tool */
+    std::vector<bool> was_open_; /* whether the jaw was open in the previous step */
+    /* Observed jaw of a tool, whether or not the tool is present. */
     struct JawWatch {
-        Jaw last = JAW_UNKNOWN;    /* that was known */
-        bool missed = false;       /* it has closed and taken nothing, for `why` */
-        std::string why;           /* the tool was last absent, or its jaw unknown */
+        Jaw last = JAW_UNKNOWN;    /* last known jaw */
+        bool missed = false;       /* the jaw has closed without a grasp, for the reason `why` */
+        std::string why;           /* empty, or: the tool was absent or its jaw was unknown */
         Rate rate;
     };
     std::vector<JawWatch> jaws_;
-    bool anew_ = false;          /* no turn yet of this simulation: it does not know the instruments */
+    bool anew_ = false;          /* no step since the simulation was created, so its instruments are not set yet */
     ros::Time last_time_;
 
-    mutable std::mutex lock_; /* of what follows */
+    mutable std::mutex lock_; /* guards the members below */
     std::condition_variable work_there_;
     std::deque<std::packaged_task<void()>> work_;
     std::shared_ptr<const Loaded> shown_;
     std::deque<std::pair<Clock::time_point, double>> durations_;
     StepHealth health_{};
-    Clock::time_point busy_since_{}; /* the epoch: it waits */
+    Clock::time_point busy_since_{}; /* start of the running step; the epoch: none */
     bool stopping_ = false;
     std::thread thread_;
 };

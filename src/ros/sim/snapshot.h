@@ -1,4 +1,4 @@
-/* The positions after a step, handed from the simulation to whoever shows them. */
+/* Positions after a step, passed from the simulation thread to the publishing threads. */
 #ifndef PLIANT_ROS_SIM_SNAPSHOT_H
 #define PLIANT_ROS_SIM_SNAPSHOT_H
 
@@ -17,7 +17,7 @@ namespace pliant_ros {
 
 using Clock = std::chrono::steady_clock;
 
-/* True at most `rate` times a second, on average; never for 0. */
+/* Limit an average rate. due returns true at most `rate` times per second; never for rate 0. */
 class Rate {
 public:
     bool due(double rate)
@@ -26,12 +26,12 @@ public:
         spend(rate);
         return true;
     }
-    /* Once was done, due or not; for 0 that counts for nothing. */
+    /* Count one event, due or not; rate 0 counts nothing. */
     void spend(double rate)
     {
         if (!(rate > 0)) return;
         auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate));
-        /* from the time it was due, so that a step that is a little late does not halve the rate */
+        /* count from the due time, so that a slightly late step does not halve the rate */
         next_ = std::max(next_ + period, Clock::now());
     }
 
@@ -41,16 +41,16 @@ private:
 
 struct Snapshot {
     std::shared_ptr<const Loaded> loaded;
-    std::shared_ptr<const pliant_body> body; /* of then */
-    std::vector<double> positions; /* (body's fine.num_nodes x 3) LPS [m], rounded to float, as a MeshState carries them */
-    pliant_scalar scalar;          /* that is asked for now */
-    std::vector<float> contact_force; /* (fine.num_nodes) [N], where that is it */
-    uint32_t revision;             /* of the mesh/topology that they belong to */
+    std::shared_ptr<const pliant_body> body; /* body at the time of the snapshot */
+    std::vector<double> positions; /* (body's fine.num_nodes x 3) LPS [m], rounded to float as in MeshState */
+    pliant_scalar scalar;          /* requested scalar field */
+    std::vector<float> contact_force; /* (fine.num_nodes) [N], if requested */
+    uint32_t revision;             /* revision of the mesh/topology of these positions */
     uint64_t step;
     ros::Time stamp;
 };
 
-/* Of a simulation now; of this load as it is numbered here. */
+/* Take a snapshot of a simulation. The revision is numbered within this load. */
 inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_data &data, const ros::Time &stamp, pliant_scalar scalar, Snapshot *out)
 {
     const pliant_body *body = pliant_data_get_body(&data);
@@ -71,13 +71,14 @@ inline void take_snapshot(std::shared_ptr<const Loaded> loaded, const pliant_dat
 
 class Snapshots {
 public:
-    /* A reader says whether it wants any; without readers the simulation makes none. */
+    /* A reader declares whether it needs snapshots; without such readers the simulation creates none. */
     class Reader {
     public:
         explicit Reader(Snapshots *all) : all_(all) {}
         ~Reader() { want(false); }
         void want(bool wanted);
-        /* The newest one not yet seen by this reader, or, where all are kept, the next one; empty after the timeout. */
+        /* Return the most recent snapshot that this reader has not received, or the next one if all are kept; empty
+         * after the timeout. */
         std::shared_ptr<const Snapshot> wait(std::chrono::milliseconds timeout);
 
     private:
@@ -86,7 +87,7 @@ public:
         uint64_t seen_ = 0;
     };
 
-    /* keeps_all: its one reader gets every snapshot, in order, first the one that was newest before it wanted any. */
+    /* keeps_all: the only reader gets every snapshot in order, starting with the last one before it asked */
     explicit Snapshots(bool keeps_all = false) : keeps_all_(keeps_all) {}
     bool keeps_all() const { return keeps_all_; }
     bool wanted() const { return readers_ > 0; }
@@ -107,7 +108,7 @@ inline void Snapshots::put(std::shared_ptr<const Snapshot> snapshot)
     {
         std::lock_guard<std::mutex> hold(lock_);
         if (keeps_all_ && wanted()) kept_.push_back(snapshot);
-        newest_.swap(snapshot); /* the old one is freed without the lock */
+        newest_.swap(snapshot); /* the old snapshot is freed outside the lock */
         ++count_;
     }
     fresh_.notify_all();
@@ -123,7 +124,7 @@ inline void Snapshots::Reader::want(bool wanted)
         all_->kept_.clear();
         if (wanted && all_->newest_) all_->kept_.push_back(all_->newest_);
     } else if (wanted) {
-        seen_ = all_->count_; /* an old one would show the past */
+        seen_ = all_->count_; /* a reader that starts to wait gets no old snapshot */
     } else if (all_->readers_ == 0) {
         all_->newest_.reset();
     }

@@ -1,4 +1,4 @@
-/* The topic `state`: what the node is doing. Any thread may tell it. */
+/* Publish the topic `state`, the current activity of the node. Thread-safe. */
 #ifndef PLIANT_ROS_SIM_STATE_H
 #define PLIANT_ROS_SIM_STATE_H
 
@@ -18,18 +18,19 @@ class State {
 public:
     State(ros::NodeHandle handle, const std::string &frame);
 
-    /* What the simulation does now; published when it differs. */
+    /* Set the state of the simulation; published if it differs. */
     void set(uint8_t state, const std::string &message);
 
-    /* Long work beside it: false when some runs already, and then *message says which. */
+    /* Begin long work. Return false if other work runs; *message then names it. */
     bool begin(const std::string &work, std::string *message);
     void progress(double fraction, const std::string &stage);
-    /* Message: how it ended. That of a failure stays, wherever set() has nothing to say, until some work succeeds. */
+    /* End long work.
+     * message: result; the message of a failure is shown while set() has no message, until other work succeeds */
     void end(bool good, const std::string &message);
-    /* Stays likewise: what else everybody should know of what was put in last. */
+    /* Set a remark about the last loaded model, which is shown as persistently as a failure. */
     void note(const std::string &message);
 
-    /* What was chosen for the model that was put in last. */
+    /* Set the automatically selected settings of the last loaded model. */
     void chose(const pliant_choice &choice);
 
     uint8_t state() const;

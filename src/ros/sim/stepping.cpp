@@ -28,7 +28,7 @@ void apply_tool(const pliant_model &model, const ToolInput &input, pliant_data *
     if (input.cuts != tool_state(*data, tool).cutting) pliant_tool_set_cutting(data, tool, input.cuts);
 }
 
-/* FNV-1a, of 64-bit words */
+/* Compute FNV-1a over 64-bit words. */
 uint64_t checksum(const double *values, size_t count)
 {
     uint64_t sum = 0xcbf29ce484222325u, bits;

@@ -16,7 +16,7 @@ namespace {
 
 enum { CONTACT_RATE = 30 /* [Hz] */, CUT_QUEUE = 256 /* a recorder that is held up misses none */, MOST_WAITING = 256 /* poses: a quarter of a second at 1 kHz */ };
 
-const double rest_seconds = 0.5; /* without motion, after which a tool rests */
+const double rest_seconds = 0.5; /* time without motion after which a tool rests */
 
 std::string milliseconds(double seconds) { return std::to_string(std::lround(1e3 * seconds)) + " ms"; }
 
@@ -36,7 +36,8 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
         tool->last_frame = tissue_frame_;
         tool->filter = PoseFilter(parameters.pose_filter);
         tool->counted_at = ros::WallTime::now();
-        const uint32_t room = parameters.wrench_rate > 0 ? 16 : 1; /* forces between steps come in bursts where a process waits for its turn */
+        /* forces between steps arrive in bursts if the process is delayed */
+        const uint32_t room = parameters.wrench_rate > 0 ? 16 : 1;
         tool->force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/measured_cf", room);
         tool->body_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/body/measured_cf", room);
         tool->spatial_force_out = handle.advertise<geometry_msgs::WrenchStamped>(each.name + "/spatial/measured_cf", room);
@@ -62,7 +63,8 @@ Tools::Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_p
     }
 }
 
-/* As the dVRK names it, NAME:MODEL. One that is not known touches nothing: better than what another one would. */
+/* Set the instrument of a dVRK tool_type message, NAME:MODEL. An unknown instrument has no contact, because the shape
+ * of another instrument would be wrong. */
 void Tools::take_type(Tool *tool, const std::string &type)
 {
     pliant_tool_shape shape{};
@@ -97,7 +99,7 @@ void Tools::listen_for_blade(ros::NodeHandle handle, Tool *tool)
         std::lock_guard<InheritingMutex> hold(tool->lock);
         tool->blade = message->data;
     });
-    /* of a pedal: its first button */
+    /* first button of a pedal */
     tool->energy_in = handle.subscribe<sensor_msgs::Joy>(name + "/energy", 1, [tool](const sensor_msgs::JoyConstPtr &message) {
         std::lock_guard<InheritingMutex> hold(tool->lock);
         tool->energy = !message->buttons.empty() && message->buttons[0] == 1;
@@ -119,7 +121,7 @@ void Tools::take_pose(Tool *tool, const topic_tools::ShapeShifter &message)
     if (!good) {
         tool->waiting.clear();
         tool->filter.forget();
-        tool->has_last = false; /* an invalid pose says that the tool is gone, not that it stays */
+        tool->has_last = false; /* after an invalid pose the tool is absent */
         return;
     }
     tool->stamp = sent.header.stamp;
@@ -151,7 +153,8 @@ double Tools::stood_still(const ros::SteadyTime &arrived) const
     return (ros::SteadyTime::now() - std::max(arrived, now_since_)).toSec();
 }
 
-/* The newest of the waiting poses that tf can place at its own stamp; what is older than that is of no use any more. Poses come meanwhile. */
+/* Transform the most recent waiting pose for which tf has a transform at its stamp, and discard older ones. The lock is
+ * released meanwhile, so new poses can arrive. */
 void Tools::transform(Tool *tool)
 {
     std::unique_lock<InheritingMutex> hold(tool->lock);
@@ -169,7 +172,7 @@ void Tools::transform(Tool *tool)
                 const tf2::BufferCore &frames = *frames_;
                 found = frames.canTransform(tissue_frame_, candidate.frame, candidate.stamp, newest ? &why : nullptr) &&
                         rigid_from_message(frames.lookupTransform(tissue_frame_, candidate.frame, candidate.stamp).transform, &tissue_from_frame, &why);
-            } catch (const std::exception &missing) { /* tf2's own, or of a stamp that it cannot calculate with */
+            } catch (const std::exception &missing) { /* an exception of tf2, or an invalid stamp */
                 why = missing.what();
             }
         }
@@ -178,7 +181,7 @@ void Tools::transform(Tool *tool)
         hold.lock();
         const auto still = std::find_if(tool->waiting.begin(), tool->waiting.end(),
                                         [&](const Waiting &each) { return each.stamp == candidate.stamp && each.frame == candidate.frame; });
-        if (still == tool->waiting.end()) return; /* the tool has gone since */
+        if (still == tool->waiting.end()) return; /* the tool has become absent in the meantime */
         tool->has_last = true;
         tool->last_stamp = candidate.stamp;
         tool->last_frame = candidate.frame;
@@ -198,7 +201,7 @@ void Tools::update_jaw(Tool *tool, const ros::Time &now)
     else if (tool->jaw > jaw_release_) tool->state = JAW_OPEN;
 }
 
-/* why there is no tool now */
+/* Return why the tool is absent. */
 std::string Tools::reason(const Tool &tool, const ros::Time &now) const
 {
     if (now.isZero()) return "time stands still: /use_sim_time is true, and nothing has come on /clock";
@@ -257,7 +260,8 @@ void Tools::publish_force(size_t index, const ToolSample &sample, const double f
     Tool &tool = *tools_[index];
     geometry_msgs::WrenchStamped message;
     message.header.stamp = stamp;
-    message.header.frame_id = sample.frame; /* CRTK: the frame of the poses; namespaces say in which axes, and about which point */
+    /* CRTK: the frame of the poses; the namespace defines the axes and the reference point */
+    message.header.frame_id = sample.frame;
     if (tool.force_out.getNumSubscribers() > 0) {
         wrench_message(force, torque, sample.frame_from_tissue.rotation, &message);
         tool.force_out.publish(message);

@@ -1,4 +1,4 @@
-/* The tools as they come in from ROS, and what goes back to them. */
+/* Receive tool poses and jaws from ROS, and publish forces and contacts. */
 #ifndef PLIANT_ROS_SIM_TOOLS_H
 #define PLIANT_ROS_SIM_TOOLS_H
 
@@ -21,66 +21,67 @@ namespace pliant_ros {
 
 enum Jaw { JAW_UNKNOWN, JAW_OPEN, JAW_CLOSED };
 
-/* [s] Unlike a difference of ros::Time, for any two stamps: those of messages are whatever the sender wrote. */
+/* Return the difference [s] of any two stamps. ros::Time arithmetic throws for arbitrary stamps in messages. */
 inline double seconds_between(const ros::Time &early, const ros::Time &late)
 {
     int64_t whole = static_cast<int64_t>(late.sec) - early.sec, nanoseconds = static_cast<int64_t>(late.nsec) - early.nsec;
     return static_cast<double>(whole) + 1e-9 * static_cast<double>(nanoseconds);
 }
 
-/* A tool at the time of a step. */
+/* Input from one tool at the time of a step. */
 struct ToolSample {
     bool present;
     Rigid in_tissue;             /* pose of the tip in the tissue frame */
-    Jaw jaw;                     /* with hysteresis; unknown for a probe, and when no valid and fresh jaw is there */
-    double angle;                /* of the jaw, the last valid one [rad]; 0 before that */
-    bool blade, energy;          /* as they were switched last; off before that */
-    Rigid frame_from_tissue;     /* into the frame that the pose came in */
-    std::string frame;           /* of the pose; the tissue frame before the first one */
-    std::string why;             /* not present, or a jaw of which nothing is known: the reason */
+    Jaw jaw;                     /* with hysteresis; unknown for a probe, and without a valid and recent jaw message */
+    double angle;                /* last valid jaw angle [rad]; initially 0 */
+    bool blade, energy;          /* last received switches; initially off */
+    Rigid frame_from_tissue;     /* transform to the frame of the pose message */
+    std::string frame;           /* frame of the pose message; the tissue frame before the first message */
+    std::string why;             /* reason why the tool is absent or its jaw unknown */
 };
 
-/* For diagnostics. */
+/* Statistics for diagnostics. */
 struct ToolHealth {
     std::string name;
-    double rate;     /* poses a second, over the time since the last call */
-    double age;      /* of the newest pose [s]; infinite: none yet */
+    double rate;     /* rate of poses since the last call [Hz] */
+    double age;      /* age of the last pose [s]; infinite: none yet */
     bool present;
-    std::string why; /* not present: the reason */
-    bool saturated;  /* its coupling pulls with the force limit */
-    bool rests;      /* its measured tip has moved by less than 0.1 mm for 0.5 s */
+    std::string why; /* reason if not present */
+    bool saturated;  /* the coupling force is at its limit */
+    bool rests;      /* the measured tip has moved by less than 0.1 mm in 0.5 s */
     double proxy_error; /* distance from the measured tip to the proxy's tip [m] */
     double jaw_error;   /* measured angle minus the proxy's [rad] */
 };
 
 class Tools {
 public:
-    /* queue: for poses and jaws; Nullable: the global one */
+    /* queue: callback queue for poses and jaws; Nullable: the global queue */
     Tools(ros::NodeHandle handle, const Parameters &parameters, std::shared_ptr<const tf2_ros::Buffer> frames, ros::CallbackQueue *queue);
 
     size_t size() const { return tools_.size(); }
     const std::string &name(size_t tool) const { return tools_[tool]->parameters.name; }
     const ToolParameters &parameters(size_t tool) const { return tools_[tool]->parameters; }
 
-    /* The tool now, by the newest of its poses that has a transform into the tissue frame. Absent when the last pose is invalid, none
-       has a transform, its arm says that it is not enabled and homed, or its stamp is more than tool_max_age from now; one that is there stays where it was
-       for tool_hold longer. Where time stands still: when no pose has come for tool_max_pause.
-       Called by the simulation only. */
+    /* Return the tool at its most recent pose with a transform to the tissue frame. The tool is absent if its last pose
+     * is invalid, if no pose has a transform, or if its arm is not enabled and homed. It is also absent if its stamp
+     * differs from now by more than tool_max_age. A present tool keeps its pose for tool_hold longer. If /clock stands
+     * still, the tool becomes absent after tool_max_pause without a pose. Called only by the simulation. */
     ToolSample sample(size_t tool, const ros::Time &now);
-    /* True when another instrument has been put on since the last call, of this shape. Called by the simulation only. */
+    /* Return true and the shape if another instrument was attached since the last call. Called only by the
+     * simulation. */
     bool exchanged(size_t tool, pliant_tool_shape *shape);
-    /* Forget all poses and jaws: time jumped. */
+    /* Discard all poses and jaws after a time jump. */
     void clear();
 
-    /* In all three of CRTK's frames, where somebody subscribes. Any thread.
-       force, torque: on the tissue, about the tip, in tissue axes [N, N m] */
+    /* Publish a wrench in the three frames that CRTK defines, if there are subscribers. Thread-safe.
+     * force, torque: of the tool on the tissue, about the tip, in tissue axes [N, N m] */
     void publish_force(size_t tool, const ToolSample &sample, const double force[3], const double torque[3], const ros::Time &stamp);
-    /* Note the proxy after a step, for diagnostics. */
+    /* Store the proxy's state after a step, for diagnostics. */
     void watch_proxy(size_t tool, const pliant_tool_state &state);
-    /* Contact and markers, at most 30 a second. */
+    /* Publish contact and markers, at most 30 times per second. */
     void publish_contact(size_t tool, const pliant_model &model, const pliant_data &data, const ros::Time &now);
 
-    /* What its blade does, where that differs from what was sent last. */
+    /* Publish the state of the blade if it differs from the last message. */
     void publish_cut(size_t tool, const pliant_data &data, uint32_t revision, const ros::Time &now);
 
     std::vector<ToolHealth> health(const ros::Time &now);
@@ -97,40 +98,43 @@ private:
         Rate contact_rate, marker_rate;
 
         InheritingMutex lock;
-        /* written by callbacks */
+        /* set by callbacks */
         bool has_pose = false;
-        ros::Time stamp;          /* of the newest */
+        ros::Time stamp;          /* of the last pose */
         PoseFilter filter;
-        std::deque<Waiting> waiting; /* newer than the one in use, newest last: tf may be behind them */
+        /* poses newer than the used pose, in ascending order, because tf may lag behind them */
+        std::deque<Waiting> waiting;
         bool has_jaw = false;
         ros::Time jaw_stamp;
-        double jaw = 0, last_jaw = 0; /* last: that was valid */
+        double jaw = 0, last_jaw = 0; /* last_jaw: last valid angle */
         bool blade = false, energy = false;
-        std::string idle;         /* why its arm does not work, as operating_state says; empty: it does, or says nothing */
-        std::string type;         /* of the instrument, where the shape follows that */
+        /* why the arm does not work according to operating_state; empty: it works, or there is no such message */
+        std::string idle;
+        std::string type;         /* instrument type, if the shape follows it */
         bool exchanged = false;
         pliant_tool_shape shape{};
         uint64_t received = 0;
-        ros::SteadyTime arrived, jaw_arrived; /* of the newest pose and jaw, by a clock that goes on whatever /clock does */
-        std::string refused; /* why the last pose was */
-        /* written by sample */
+        /* arrival of the last pose and jaw, on a clock that is independent of /clock */
+        ros::SteadyTime arrived, jaw_arrived;
+        std::string refused; /* why the last pose was rejected */
+        /* set by sample */
         bool has_last = false, present = false;
-        std::string untransformed; /* why the newest pose is */
+        std::string untransformed; /* why the last pose has no transform */
         std::string why = "no pose yet";
         Jaw state = JAW_UNKNOWN;
         ros::Time last_stamp;
         Rigid last_in_tissue, last_tissue_in_frame;
         std::string last_frame;
-        /* written by watch_proxy, under the lock */
+        /* set by watch_proxy, under the lock */
         bool saturated = false;
         double proxy_error = 0, jaw_error = 0, rest_tip[3] = {0, 0, 0};
         ros::SteadyTime rests_since;
-        /* written by publish_cut */
+        /* set by publish_cut */
         Cut sent;
-        /* written by health */
+        /* set by health */
         uint64_t counted = 0;
         ros::WallTime counted_at;
-        /* last: they go first, and with them the callbacks that write the above */
+        /* declared last, so that the callbacks stop before the members that they set are destroyed */
         ros::Subscriber pose_in, jaw_in, blade_in, energy_in, type_in, state_in;
     };
 
@@ -140,9 +144,10 @@ private:
     void listen_for_blade(ros::NodeHandle handle, Tool *tool);
     void transform(Tool *tool);
     void update_jaw(Tool *tool, const ros::Time &now);
-    /* held: it may be older by tool_hold */
+    /* held: accept an additional age of tool_hold */
     bool is_fresh(const ros::Time &stamp, const ros::Time &now, bool held) const;
-    /* [s] that neither a message has come (the last at `arrived`) nor time gone on: no stamp grows old where /clock has stopped. 0 as long as time goes on. */
+    /* Return the time for which neither a message has arrived nor /clock has advanced [s]; 0 while /clock advances.
+     * Without /clock no stamp becomes too old. */
     double stood_still(const ros::SteadyTime &arrived) const;
     std::string reason(const Tool &tool, const ros::Time &now) const;
 

@@ -1,8 +1,9 @@
-/* What answers a hand waits for nobody: threads of real time, where the system lets this user have them, and what others do meanwhile.
+/* Real-time priorities for threads that compute forces for a hand, if the system permits them.
  *
- * Of roscpp's own locks none inherits a priority. An ordinary thread that is put aside while it holds one (every publication of the process
- * goes through one, until the message is serialized) holds up the answers for as long as the machine has other things to do: 1 to 5 ms in one
- * of a hundred on two cores with a load of 17. So ordinary threads publish ahead of all others but those that answer. */
+ * roscpp's locks do not inherit priorities. Every publication of the process passes through one lock until its message
+ * is serialized. An ordinary thread that is preempted while it holds the lock delays the forces. The measured delay is
+ * 1 to 5 ms for one force in a hundred, on two cores with a load of 17. Ordinary threads therefore publish with a
+ * priority just below the force threads. */
 #ifndef PLIANT_ROS_SIM_URGENT_H
 #define PLIANT_ROS_SIM_URGENT_H
 
@@ -12,10 +13,10 @@
 
 namespace pliant_ros {
 
-/* among real-time threads; what publishes serializes and compresses meanwhile, which no answer waits for */
+/* real-time priorities; a publishing thread serializes and compresses meanwhile, which no force waits for */
 enum { URGENT_PRIORITY = 10, PUBLISHING_PRIORITY = URGENT_PRIORITY - 1 };
 
-/* False where this user may not. */
+/* Return false if the user has no permission. */
 inline bool make_urgent(pthread_t thread, int among = URGENT_PRIORITY)
 {
     sched_param priority{};
@@ -23,14 +24,14 @@ inline bool make_urgent(pthread_t thread, int among = URGENT_PRIORITY)
     return pthread_setschedparam(thread, SCHED_FIFO, &priority) == 0;
 }
 
-/* Whether anything in this process answers a hand, by a thread of real time. */
+/* Return whether a real-time thread of this process computes forces. */
 inline std::atomic<bool> &answers_hands()
 {
     static std::atomic<bool> on{false};
     return on;
 }
 
-/* While it lives, this thread publishes: it is next to the urgent ones, if answers_hands. */
+/* While an object of this class exists, the thread has the publishing priority, if answers_hands. */
 class Urgent {
 public:
     Urgent() : raised_(answers_hands() && pthread_getschedparam(pthread_self(), &kind_, &before_) == 0 && kind_ == SCHED_OTHER && make_urgent(pthread_self(), PUBLISHING_PRIORITY)) {}
@@ -52,7 +53,7 @@ template <class Publisher, class Message> void publish_urgently(const Publisher 
     publisher.publish(message);
 }
 
-/* Whoever holds it gets on as fast as the most urgent thread that waits for it. */
+/* Mutex with priority inheritance: its owner runs with the priority of the most urgent waiting thread. */
 class InheritingMutex {
 public:
     InheritingMutex()
