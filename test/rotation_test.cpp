@@ -57,7 +57,7 @@ TEST(Rotation, RestIsExact)
 
 TEST(Rotation, ContinuousThroughTheFlatState)
 {
-    // squeeze along z through zero and beyond: the rotation stays the identity, so the element pushes back (NUMERICS 5)
+    // squeeze along z through zero and beyond: the rotation stays the identity, so the element pushes back (src/fem/element/NUMERICS.md)
     for (double z : {1.0, 1e-2, 1e-5, 1e-9, 0.0, -1e-9, -1e-5, -1e-2, -0.5}) {
         Matrix f = Matrix::Identity();
         f(2, 2) = z;

@@ -1,5 +1,5 @@
 /** @file mesh.h
- *  Tetrahedral meshes on a lattice: five tetrahedra per cube with alternating parity ([H] 2, NUMERICS 1).
+ *  Tetrahedral meshes on a lattice: five tetrahedra per cube with alternating parity ([H] 2, src/fem/coarse/NUMERICS.md).
  *
  *  Lattice cell (a, b, c) has flat index a + cells[0] * (b + cells[1] * c); lattice node likewise with one more
  *  node along each axis. Tetrahedron `slot` 0 of a cell is the central one, 1 to 4 the corners.

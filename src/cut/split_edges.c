@@ -1,5 +1,5 @@
 /* Edges that a blade passes through are cut there, one after the other: an edge is bisected in all tetrahedra around it at once, so that
- * neighbours always have the same faces, and the pattern of cut edges of a tetrahedron decides how it is split (NUMERICS 11). */
+ * neighbours always have the same faces, and the pattern of cut edges of a tetrahedron decides how it is split (NUMERICS.md). */
 #include "cut/subdivide.h"
 
 #include "cut/sweep.h"

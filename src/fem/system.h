@@ -48,7 +48,7 @@ typedef struct pliant_upsample {
 } pliant_upsample;
 
 /* Elements with a variable number of corners. There are two kinds: hexahedra on their own eight nodes (hexahedra.c),
- * and the macro-elements of lod (NUMERICS 4). A macro-element is a cube of the solved lattice that contains tissue. Its
+ * and the macro-elements of lod (src/fem/coarse/NUMERICS.md). A macro-element is a cube of the solved lattice that contains tissue. Its
  * corners are all solved nodes that move the fine nodes of the cube.
  *
  * The rotation R of an element is fitted to the cube's own nodes: F = sum of x_v g_v'. A corner at x with rest position

@@ -1,7 +1,7 @@
 /* Five tetrahedra per cube with alternating parity. Corners of a cube are numbered by bits: 1 along i, 2 along j, 4
  * along k. In a cube of parity 0 the central tetrahedron takes the corners with an even number of bits, in one of
  * parity 1 those with an odd number, so that the diagonals of shared faces meet. A grid refined by any integer factor
- * from the same corner nests exactly (NUMERICS 1). */
+ * from the same corner nests exactly (fem/coarse/NUMERICS.md). */
 #include "pliant/mesh.h"
 
 #include "base/fail.h"

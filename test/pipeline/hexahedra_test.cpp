@@ -13,7 +13,7 @@
 
 namespace {
 
-// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm; by CalculiX (NUMERICS 12) 6.88, 6.80, 6.80 mm.
+// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm; by CalculiX 6.88, 6.80, 6.80 mm.
 TEST(Hexahedra, BeamSagsAsTheConvergedOne)
 {
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
@@ -51,7 +51,7 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
             EXPECT_LT(std::fabs(averaged), 0.02);
             EXPECT_LT(std::fabs(coarse), 0.02);
         }
-    for (int n = 0; n < 3; n++) { // as soft as the fine hexahedra or softer: its corners alone carry it (NUMERICS 1)
+    for (int n = 0; n < 3; n++) { // as soft as the fine hexahedra or softer: its corners alone carry it (src/fem/coarse/NUMERICS.md)
         const double schur = coarse_sag(PLIANT_SCHUR, poisson[n], 2) / converged[n], fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n];
         std::printf("beam, nu %.3f, ratio 2: schur %.2f times the sag, fine hexahedra %.3f\n", poisson[n], schur, fine);
         EXPECT_GT(schur, fine);

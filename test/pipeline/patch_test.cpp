@@ -84,7 +84,7 @@ void energy_ratio(pliant_method method, pliant_touch touch, double *low, double 
 }
 
 // A patch under a constant strain must store exactly its energy. The paper's condensation carries an element by point loads;
-// it cannot (NUMERICS 1), and by how much is reported.
+// it cannot (src/fem/coarse/NUMERICS.md), and by how much is reported.
 TEST(Patch, AveragedAndCalibratedStoreTheExactEnergyAndSchurDoesNot)
 {
     double low, high;

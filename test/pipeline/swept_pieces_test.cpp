@@ -58,7 +58,7 @@ Way through_the_piece(Way on)
     return on;
 }
 
-// Where it lies free, wherever it is met. PLIANT_SWEEPS: as many, in place of 60; some of more get through: contact/NUMERICS.
+// Where it lies free, wherever it is met. PLIANT_SWEEPS: as many, in place of 60; some of more get through: src/contact/NUMERICS.md.
 TEST(SweptPieces, NothingIsSweptThroughAPiece)
 {
     Sweeps sweeps;

@@ -37,7 +37,7 @@ Mode coarse(Beside beside) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR
 Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, Beside::Piece}; }
 
 // By a homogenized method, beside what a patch serves, and beside a piece that has come off: the first ones, and those that once went through. More of
-// them (PLIANT_SWEEPS; PLIANT_SWEEPS_BESIDE: 0, 1 or 2, of nothing, a piece, a patch alone): contact/NUMERICS.
+// them (PLIANT_SWEEPS; PLIANT_SWEEPS_BESIDE: 0, 1 or 2, of nothing, a piece, a patch alone): src/contact/NUMERICS.md.
 TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
 {
     for (const Mode &mode : {coarse(Beside::Nothing), coarse(Beside::Patch), cut()}) {
@@ -57,7 +57,7 @@ TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
     }
 }
 
-// The first 28 at 2 m/s, as fast as tools are followed, and through a sheet of hexahedra. Of more of them some get through: contact/NUMERICS.
+// The first 28 at 2 m/s, as fast as tools are followed, and through a sheet of hexahedra. Of more of them some get through: src/contact/NUMERICS.md.
 TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
 {
     Sweeps sweeps;

@@ -1,4 +1,4 @@
-// Hexahedra (element/kind) against closed forms, published figures and CalculiX. What was measured stands in NUMERICS 12.
+// Hexahedra (element/kind) against closed forms, published figures and CalculiX. Results: src/fem/element/NUMERICS.md.
 #include "body.h"
 
 #include "fem/dynamics/tled.h"

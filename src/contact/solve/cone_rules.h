@@ -75,7 +75,7 @@ typedef struct pliant_cones {
 } pliant_cones;
 
 /* s: times a point's own stiffness. With 1, as sweeps have it, a step that lowers what is left is not found in one of six problems of six tools that
- * press and slide, with 10 in one of 20 (NUMERICS 14). */
+ * press and slide, with 10 in one of 20 (src/contact/NUMERICS.md). */
 #define PLIANT_CONE_TIMES 10.0
 
 PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cones *on)

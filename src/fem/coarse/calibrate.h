@@ -2,8 +2,8 @@
  *
  * Any symmetric positive semidefinite 12 x 12 whose null space are the rigid motions is V B' C B, with B (6 x 12) from
  * displacements to strain in Mandel notation and C the material that it stands for:  C = B+' K B+ / V,  B+ = B' (B
- * B')^-1. Condensing a submesh of E = 1 on four corners gives C_h, softer than the C_true that it is made of (NUMERICS
- * 1), isotropic: lambda i i' + 2 mu I. The symmetric S with S C_h S = C_true, their geometric mean,
+ * B')^-1. Condensing a submesh of E = 1 on four corners gives C_h, softer than the C_true that it is made of
+ * (NUMERICS.md), isotropic: lambda i i' + 2 mu I. The symmetric S with S C_h S = C_true, their geometric mean,
  *     S = C_h^(-1/2) (C_h^(1/2) C_true C_h^(1/2))^(1/2) C_h^(-1/2),
  * corrects what point loads do, and  K' = V B' (S C S) B.  It is exact for homogeneous material of any modulus, since C
  * is then E C_h; and positive semidefinite with K.

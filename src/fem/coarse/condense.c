@@ -51,7 +51,7 @@ pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh)
     double total = 0, nu = 0;
     for (int32_t t = 0; t < submesh->num_tets; t++) {
         const pliant_tet_material *material = submesh->material + submesh->tets[t];
-        double weight = material->tissue + 1e-3; /* tetrahedra of a submesh hardly differ in volume; air as in NUMERICS 2 */
+        double weight = material->tissue + 1e-3; /* tetrahedra of a submesh hardly differ in volume; air as in NUMERICS.md */
         total += weight;
         nu += weight * material->lambda / (2 * (material->lambda + material->mu));
     }

@@ -1,5 +1,5 @@
 /* A 24 x 24 stiffness for every coarse cube from the fine elements in it: what averages in place of points are for
- * tetrahedra (NUMERICS 2).
+ * tetrahedra (NUMERICS.md).
  *
  * The 18 stresses tau that a trilinear cube of homogeneous tissue has, with one change of volume, times the part of
  * tissue, make loads Phi = sum over the fine elements of int B' tau. Where K is the fine stiffness with a free boundary
@@ -10,7 +10,7 @@
  * cube. Stresses that are in balance (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are as good between soft
  * and stiff; with them a beam of three cubes sags 2 % less.
  *
- * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS 7.1): P'KP with these
+ * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS.md): P'KP with these
  * nodes held, one change of volume in all, R = I; so, but for the last, are cubes whose fine elements fall apart. */
 #include "base/fail.h"
 #include "base/threads.h"
@@ -68,7 +68,7 @@ static void add_loads(const pliant_mesh *coarse, const double y[3], double weigh
     }
 }
 
-/* the part of tissue, so that air beside it does not set the average (NUMERICS 2) */
+/* the part of tissue, so that air beside it does not set the average (NUMERICS.md) */
 static double share_of(const pliant_tet_material *material) { return material->tissue + 1e-3; }
 
 static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *room, const pliant_cube *cube, double *phi)

@@ -1,5 +1,5 @@
 /* Where a cut runs, coarse elements are those of the fine mesh: no element whose corners lie further apart than the cut
- * is deep opens as tissue does (NUMERICS 10). A coarse cube is refined where one of its fine cubes lies by the cut, or
+ * is deep opens as tissue does (NUMERICS.md). A coarse cube is refined where one of its fine cubes lies by the cut, or
  * beside one that does, so that what a cut's end bends is fine as well. Elsewhere coarse elements stay, to the bit,
  * what they were at load.
  *

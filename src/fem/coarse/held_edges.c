@@ -1,4 +1,4 @@
-/* Coarse hexahedra where what is held ends at a free surface (NUMERICS 2).
+/* Coarse hexahedra where what is held ends at a free surface (NUMERICS.md).
  *
  * Stress is singular along such an edge. The energy that elements of a size h miss there makes the whole body too
  * stiff, by about h^1.1, however exact they are elsewhere. Taking a part of their stiffness off the elements at the
@@ -17,7 +17,7 @@
 
 enum { CORNERS = 8 };
 
-/* fitted to the sag of the beam of NUMERICS 5; its error on other bodies stands in NUMERICS 2 */
+/* fitted to the sag of the beam of NUMERICS.md, with its error on other bodies */
 static const double part = 0.274, knee = 5.2, order = 1.1;
 
 typedef struct edge_work {

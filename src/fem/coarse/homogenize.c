@@ -1,11 +1,11 @@
 /* A 12 x 12 stiffness for every coarse tetrahedron from its fine submesh.
  *
- * schur:    [H] 1 to 7, as written. Too soft, and fails the patch test: point loads carry the element (NUMERICS 1).
+ * schur:    [H] 1 to 7, as written. Too soft, and fails the patch test: point loads carry the element (NUMERICS.md).
  * calibrated: the same, brought to the right stiffness of homogeneous material (calibrate.c). averaged: the submesh is
- * held by the averages of its gradient and displacement instead (NUMERICS 2): passes the patch
+ * held by the averages of its gradient and displacement instead (NUMERICS.md): passes the patch
  *           test and stays bounded as the fine mesh is refined.
  * A coarse tetrahedron whose submesh holds fixed fine nodes is grounded: it keeps R = I, since without its rigid null
- * space corotation would be wrong (NUMERICS 1 and 7.1). */
+ * space corotation would be wrong (NUMERICS.md). */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
@@ -22,7 +22,7 @@ static void symmetrize(double k[144])
         for (int j = 0; j < i; j++) k[12 * i + j] = k[12 * j + i] = 0.5 * (k[12 * i + j] + k[12 * j + i]);
 }
 
-/* Galerkin product with linear interpolation, fixed nodes held: (masked P)' K (masked P). NUMERICS 7.1 */
+/* Galerkin product with linear interpolation, fixed nodes held: (masked P)' K (masked P). NUMERICS.md */
 static void galerkin_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
     int32_t size = 3 * submesh->num_nodes;
@@ -53,7 +53,7 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
         const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
         double g[12];
         double volume = pliant_mesh_gradients(fine, submesh->tets[t], g);
-        /* weight: volume times body fraction, so that air next to tissue does not set the average (NUMERICS 2) */
+        /* weight: volume times body fraction, so that air next to tissue does not set the average (NUMERICS.md) */
         double weight = volume * (submesh->material[submesh->tets[t]].tissue + 1e-3);
         total += weight;
         for (int v = 0; v < 4; v++) {
@@ -119,7 +119,7 @@ bool pliant_submesh_factor(pliant_submesh *submesh, double *modes)
 }
 
 /* Minimize u' K u / 2 under Phi' u = A u_c, boundary free. With Z = K^+ Phi: [Phi'Z, Phi'R; R'Phi, 0] [mu; q] = [A; 0],
- * and K_c = A' mu. NUMERICS 2 */
+ * and K_c = A' mu. NUMERICS.md */
 static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
     int32_t size = 3 * submesh->num_nodes;

@@ -107,7 +107,7 @@ static pliant_status assemble_fine(lod_builder *lod)
  * macro-element N'(K_C N). */
 static const double factor_numbers = 110;
 
-/* fill: a factor of hexahedra has so many times the numbers (NUMERICS 5) */
+/* fill: a factor of hexahedra has so many times the numbers (fem/linear/NUMERICS.md) */
 static double fill_of(const lod_builder *lod) { return lod->whole.macros ? 1.8 : 1; }
 
 static double seconds_of(double fill, double nodes, double held, double own)

@@ -1,4 +1,4 @@
-/* Localized orthogonal decomposition with correctors a cube (NUMERICS 4), what is computed beforehand.
+/* Localized orthogonal decomposition with correctors a cube (NUMERICS.md), what is computed beforehand.
  *
  * P: linear interpolation of the coarse nodes. For each coarse cube C and the 24 columns of its nodes, the corrector
  *     Q_C = argmin  a(Q, Q) / 2 - a_C(P, Q)
@@ -13,7 +13,7 @@
  * correctors of tissue that hardly changes its volume would have to reach far.
  *
  * A cube with a fixed fine node that leans on a free coarse one is grounded: its P is zero on fixed nodes, so that N
- * is, and it keeps R = I (NUMERICS 7.1). Other cubes feel its corrector by how far its nodes have moved from rest. */
+ * is, and it keeps R = I (NUMERICS.md). Other cubes feel its corrector by how far its nodes have moved from rest. */
 #ifndef PLIANT_FEM_COARSE_LOD_H
 #define PLIANT_FEM_COARSE_LOD_H
 

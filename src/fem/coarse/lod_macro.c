@@ -258,8 +258,8 @@ static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
     }
 }
 
-/* blocks of N below this part move nothing that can be seen; of an upsampled displacement, not of the matrix (NUMERICS
- * 4) */
+/* blocks of N below this part move nothing that can be seen; of an upsampled displacement, not of the matrix
+ * (NUMERICS.md) */
 static const double smallest_shape = 1e-4;
 
 static bool counts(const double *shape, size_t columns, size_t corner)

@@ -15,7 +15,7 @@ typedef struct pliant_submesh_lists {
     int32_t largest; /* most tetrahedra in one list */
 } pliant_submesh_lists;
 
-/* touch: PLIANT_TOUCH_FACE adds those that share a face with the coarse tetrahedron's own (NUMERICS 1). */
+/* touch: PLIANT_TOUCH_FACE adds those that share a face with the coarse tetrahedron's own (NUMERICS.md). */
 pliant_status pliant_submesh_list(const pliant_mesh *fine, const int32_t *coarse_of_fine, int32_t num_coarse, pliant_touch touch,
                                   pliant_submesh_lists *out);
 void pliant_submesh_lists_free(pliant_submesh_lists *lists);

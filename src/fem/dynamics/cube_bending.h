@@ -11,7 +11,7 @@
  * b:
  *     W = V/3 sum over b of  mu (e_aa^2 + e_kk^2) + c mu (e_aa + e_kk)^2 + 1/2 t mu gamma_ak^2,   c = lambda / (lambda + 2 mu),   t = 1.
  *
- * The implementation uses three fourths of this c (NUMERICS 5). Its t matches the torsion of a square bar one cube
+ * The implementation uses three fourths of this c (NUMERICS.md). Its t matches the torsion of a square bar one cube
  * thin, 0.1406 instead of 1/6 h^4 (Timoshenko and Goodier, Theory of Elasticity, 109). The isotropic part of W depends
  * on |w_k|^2 alone, so that a flattened cube keeps this stiffness. */
 #ifndef PLIANT_FEM_DYNAMICS_CUBE_BENDING_H

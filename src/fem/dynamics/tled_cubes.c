@@ -88,7 +88,7 @@ double pliant_tled_cube_mean(const pliant_mesh *mesh, const pliant_cube *cube, c
 }
 
 /* Leave fragments as tetrahedra for laws with a second rest state inside out. Hexahedra would be softer, and inverted
- * there where a fallen end was put back (NUMERICS 10). */
+ * there where a fallen end was put back (src/fem/element/NUMERICS.md). */
 static void leave_parts(pliant_tled_cubes *cubes)
 {
     const int32_t count = cubes->count;

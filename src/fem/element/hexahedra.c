@@ -20,10 +20,10 @@
 enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3, ENHANCED = CORNERS + 3, MODES = PLIANT_CUBE_MODES };
 
 /* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian,
- * Duester, Rank 2007; NUMERICS 5). */
+ * Duester, Rank 2007; NUMERICS.md). */
 static const double filler = 5e-2;
 
-/* Part of the stiffness that is of the cube with incompatible modes (NUMERICS 5): one change of volume alone lets
+/* Part of the stiffness that is of the cube with incompatible modes (NUMERICS.md): one change of volume alone lets
  * tissue one cube thin bend too easily. */
 static const double enhanced = 0.25;
 

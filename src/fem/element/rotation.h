@@ -1,5 +1,5 @@
 /* The rotation of a deformation gradient, the one nearest to it: R = U V' of the signed singular value decomposition,
- * so that it is a rotation through flat and inverted states as well (NUMERICS 5). */
+ * so that it is a rotation through flat and inverted states as well (NUMERICS.md). */
 #ifndef PLIANT_FEM_ELEMENT_ROTATION_H
 #define PLIANT_FEM_ELEMENT_ROTATION_H
 

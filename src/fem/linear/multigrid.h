@@ -1,5 +1,5 @@
 /* One V-cycle of geometric multigrid as a preconditioner: Galerkin products with linear interpolation on nested
- * lattices down to a mesh that CHOLMOD factors in no time (NUMERICS 7.5: always the Galerkin product), Chebyshev
+ * lattices down to a mesh that CHOLMOD factors in no time (NUMERICS.md: always the Galerkin product), Chebyshev
  * smoothing with the inverted diagonal blocks (Adams et al. 2003), the same before and after, so that the cycle is
  * symmetric and positive definite.
  *

@@ -8,9 +8,9 @@
 #include <string.h>
 
 /* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget,
- * bench_elements); a factor of hexahedra has twice the numbers (NUMERICS 5). */
+ * bench_elements); a factor of hexahedra has twice the numbers (NUMERICS.md). */
 enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 4000, COARSEST = 1000 };
-/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS 10); and how
+/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS.md); and how
  * many times fewer unknowns a factor near cuts has. */
 enum { COARSEST_OF_FRAGMENTS = 8000, FEWER_NEAR = 4 };
 

@@ -1,5 +1,5 @@
 /* Patches: a local fine solution around what the tools hold or press, on top of a coarse model, which sees no point
- * force (NUMERICS 3).
+ * force (NUMERICS.md).
  *
  * When a tool takes hold, the fine mesh's response to it is computed in the background, and the basis (basis.h) made of
  * that and of the nodes around all holds. It is put to use a fixed number of steps later, whether the other thread was

@@ -3,7 +3,7 @@
  * At a state x with forces l the residual is r = load + W' l - f_int(x). The step without a change of the forces is g0 = K0^-1 r; forces
  * l + dl are those that keep the points x + g0 + U dl out of the obstacles, by the rules of Signorini and Coulomb (cones.h), with
  * A = W U for what a change moves; then the step is g = K0^-1 (r + W' dl). Since U = K0^-1 W', it ends where the obstacles are touched. All of A is of one
- * factor: of two, it is not positive, and steps go astray (NUMERICS 14). */
+ * factor: of two, it is not positive, and steps go astray (src/contact/NUMERICS.md). */
 #ifndef PLIANT_FEM_QUASISTATIC_CONTACT_H
 #define PLIANT_FEM_QUASISTATIC_CONTACT_H
 

@@ -1,6 +1,6 @@
 /* Evaluation limits that keep the duration of live steps even. A step has at most twice the median number of
  * evaluations of the recent steps with work. The next step continues the remaining work. Without this limit are steps
- * after a grasp, after positions were set, or under a sudden load (NUMERICS 13). */
+ * after a grasp, after positions were set, or under a sudden load (NUMERICS.md). */
 #ifndef PLIANT_FEM_QUASISTATIC_EVEN_H
 #define PLIANT_FEM_QUASISTATIC_EVEN_H
 

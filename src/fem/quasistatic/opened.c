@@ -1,6 +1,6 @@
 /* The first step after a cut. What is carried over from the body before is nearly the inverse of the stiffness but for
  * how easily parts turn about what the cut has left, and Anderson's method, whose secants are of states far apart,
- * takes long to find that out (NUMERICS 10). So the step begins with Newton's: tangent products, by differences of
+ * takes long to find that out (NUMERICS.md). So the step begins with Newton's: tangent products, by differences of
  * forces, in conjugate gradients (Golub and Van Loan, 11.5). It is gone along arcs, in axes that turn with the tissue
  * (modal warping: Choi and Ko, IEEE TVCG 11:91, 2005): on straight lines, what turns is stretched, and no measure of
  * the residual would take it. Whether it is good, the step's first evaluation tells, as of a blind step. */

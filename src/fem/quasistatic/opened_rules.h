@@ -13,7 +13,7 @@ enum {
 };
 
 /* Stop at this fraction of the residual's norm. A hinge has a small part of the residual: with 0.05 it does not open
- * (NUMERICS 10). */
+ * (NUMERICS.md). */
 #define PLIANT_OPENED_ENOUGH 0.01
 /* Fraction of the tolerance: a cut whose first step is shorter has released no tissue. The carried inverse makes a
  * hinge's first step too short, up to a hundred times. */

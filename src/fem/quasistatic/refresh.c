@@ -3,7 +3,7 @@
  *
  * Steps of the history belong to the factor that made them. They are made anew in the background, too: a second stay in
  * the thread, on the secants that the solver has when the factor is there. Where springs pull, secants are given up:
- * what they learned with the factor before holds the new one back (NUMERICS 13). Their responses are found there in
+ * what they learned with the factor before holds the new one back (NUMERICS.md). Their responses are found there in
  * live steps, which are not to take longer than others.
  *
  * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their

@@ -2,12 +2,12 @@
  *
  * The solver takes fixed-point steps with a constant factor K0 of the warped stiffness. Anderson acceleration (type II,
  * in the energy norm of K0) accelerates them. A step is accepted only if it lowers the merit. A background thread
- * refreshes K0 at fixed steps, so that the same input gives bitwise identical results (NUMERICS 5, 7.4, 7.6).
+ * refreshes K0 at fixed steps, so that the same input gives bitwise identical results (NUMERICS.md).
  *
  * A tool that holds the tissue by a spring of compliance c adds a force l at y = W x with  c l = target - y. With c = 0
  * the tool prescribes the displacement. The pair (x, l) is stepped together:
  *     K0 dx - W' dl = r,   W dx + c dl = e,   r = load + W' l - f_int(x),   e = target - y - c l
- * by the Schur complement  S = c I + W Z,  Z = K0^-1 W'  (three columns per tool; Woodbury, NUMERICS 5).
+ * by the Schur complement  S = c I + W Z,  Z = K0^-1 W'  (three columns per tool; Woodbury, NUMERICS.md).
  *
  * The merit is the energy norm of this step, dx' K0 dx + c dl' dl. The product K0 dx = r + W' dl needs no extra
  * operations. Steps, W and secants are vectors in the rotated axes of the nodes (nodal_rotations.h). Positions, loads
