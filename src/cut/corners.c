@@ -1,5 +1,6 @@
-/* Which corners stay one node: around every node, those of tetrahedra that links, diagonals or bridges still join. The first of what is left
- * keeps the node, the others get copies. Where nothing touches, what was joined at load is joined. */
+/* Assign mesh nodes to the corners of fragments and tetrahedra after a cut. Around each node, corners whose tetrahedra
+ * are still joined by links, diagonals or bridges share one node. The first such part keeps the node; every other part
+ * gets a copy. Corners away from touched tetrahedra keep their nodes. */
 #include "topology/parts.h"
 #include "cut/work.h"
 
@@ -18,20 +19,23 @@ typedef struct element {
 
 typedef struct splitting {
     cut_work *work;
-    int32_t *own;        /* (num_fragments x 4) nodes of fragments */
-    int32_t *moved;      /* (num_moved x 2) corners of untouched tetrahedra, 4 tetrahedron + corner, that get another node */
+    int32_t *own;        /* (num_fragments x 4) nodes of the fragments' corners */
+    /* (num_moved x 2) 4 tetrahedron + corner, and its new node, for corners of untouched tetrahedra */
+    int32_t *moved;
     int32_t num_moved, moved_room;
     int32_t copies, copy_room;
-    element *around;     /* of one node */
+    element *around;     /* elements around the current node */
     int32_t *part, count, room;
-    uint8_t *holds;      /* (room) of a part: it has a voxel beside the node */
-    int32_t *region;     /* (tetrahedra and fragments) those around touched ones, as faces join them; -1: elsewhere */
-    int32_t regions;     /* how many such parts there are */
+    uint8_t *holds;      /* (room) per part: whether one of its voxels is adjacent to the node */
+    /* (tetrahedra and fragments) connected component, by faces, of the elements around touched tetrahedra; -1: other
+     * elements */
+    int32_t *region;
+    int32_t regions;     /* number of connected components */
 } splitting;
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the nodes of fragments"); }
 
-/* ---- who is joined to whom */
+/* ---- which elements are joined */
 
 static bool joined_at_load(const cut_work *work, int32_t s, int32_t t)
 {
@@ -46,7 +50,8 @@ static bool joined_at_load(const cut_work *work, int32_t s, int32_t t)
 
 static bool is_empty(const cut_work *work, int32_t tet) { return work->voxels->start[tet] == work->voxels->start[tet + 1]; }
 
-/* A tetrahedron that is smaller than a voxel has no links: beside a cut it stays with one neighbour only, so that it holds nothing together. */
+/* A tetrahedron smaller than a voxel has no links. Next to a cut, such a tetrahedron stays joined to one neighbour
+ * only, so that it does not bridge the cut. */
 static bool joined_to_empty(const cut_work *work, int32_t empty, int32_t other)
 {
     const int32_t *across = work->voxels->across + 4 * (size_t)empty;
@@ -61,7 +66,7 @@ static bool joined_to_empty(const cut_work *work, int32_t empty, int32_t other)
     if (!beside_cut) return joined_at_load(work, empty, tet);
     if (tet != host) return false;
     const int32_t state = cut_state(work, tet);
-    if (state > 0) /* the fragment that keeps its number */
+    if (state > 0) /* the fragment that keeps the tetrahedron's number */
         return other >= work->body->fine.num_tets && work->fragment[other - work->body->fine.num_tets].stays &&
                work->fragment[other - work->body->fine.num_tets].source == tet;
     return other == tet;
@@ -77,7 +82,7 @@ static bool joined(const cut_work *work, int32_t a, int32_t b)
     return cut_state(work, s) < 0 || cut_state(work, t) < 0 ? pliant_cuts_join(work->cuts, a, b) : joined_at_load(work, s, t);
 }
 
-/* ---- around a node */
+/* ---- elements around a node */
 
 static pliant_status add_element(splitting *split, int32_t end, int32_t corner)
 {
@@ -125,7 +130,8 @@ static pliant_status find_around(splitting *split, int32_t node)
     return status;
 }
 
-/* What is fixed holds a copy of a node only by the voxels beside it: a fragment of flesh does not hang on a corner inside of bone. */
+/* Find the parts with a voxel adjacent to the node. A copy of a fixed node is fixed only for such a part, so that a
+ * soft-tissue fragment is not attached to a node inside bone. */
 static void find_holds(splitting *split, int32_t node)
 {
     const cut_work *work = split->work;
@@ -182,7 +188,7 @@ static pliant_status add_copy(splitting *split, uint8_t fixed)
     return PLIANT_OK;
 }
 
-/* what a node of a piece was before this came off */
+/* Return the fixing that a node of a detached piece had before the piece detached. */
 static uint8_t fixed_of(const pliant_body *body, int32_t node)
 {
     for (int32_t j = 0; body->pieces && j < body->pieces->num_joints; j++)
@@ -203,7 +209,7 @@ static pliant_status split_node(splitting *split, int32_t node)
     if (status != PLIANT_OK) return status;
     int32_t *part = split->part, parts = split->count;
     for (int32_t i = 0; i < split->count; i++) part[i] = i;
-    for (int pass = 0; pass < 2 && parts > 1; pass++) /* by faces, then by an edge or the node */
+    for (int pass = 0; pass < 2 && parts > 1; pass++) /* first across faces, then across an edge or the node */
         for (int32_t i = 0; i < split->count && parts > 1; i++)
             for (int32_t j = i + 1; j < split->count; j++) {
                 const int32_t a = split->around[i].end, b = split->around[j].end;
@@ -252,7 +258,7 @@ static pliant_status split_nodes(splitting *split)
     return status;
 }
 
-/* tetrahedra of the body that voxels or other corners change */
+/* List the tetrahedra of the body whose voxels or corners change. */
 static pliant_status list_changed(splitting *split)
 {
     cut_work *work = split->work;
@@ -268,7 +274,8 @@ static pliant_status list_changed(splitting *split)
     return PLIANT_OK;
 }
 
-/* Fragments with the same four nodes stay two: later cuts may part them without a link of their own. */
+/* Number the tetrahedra of the next body. Fragments with the same four nodes stay separate, because a later cut may
+ * separate them without severing a link of either. */
 static pliant_status number(splitting *split)
 {
     cut_work *work = split->work;
@@ -297,7 +304,7 @@ static pliant_status number(splitting *split)
     return PLIANT_OK;
 }
 
-/* ---- what pieces hang on */
+/* ---- joints of detached pieces */
 
 static pliant_status add_joint(cut_work *work, const element *own, const element *other)
 {
@@ -313,7 +320,9 @@ static pliant_status add_joint(cut_work *work, const element *own, const element
     return PLIANT_OK;
 }
 
-/* Nodes that joints keep together, by the first of them: (node of before, first), ascending by the latter. Returns how many. */
+/* List the nodes that joints keep together, as pairs (root, node) in ascending order. Return the number of pairs.
+ * part: (fine.num_nodes) buffer
+ * hung: output, (2 joints x 2) */
 static int32_t list_hung(const pliant_body *body, int32_t *part, int32_t *hung)
 {
     const int32_t *joint = body->pieces->joint, joints = body->pieces->num_joints + body->pieces->num_inner;
@@ -326,7 +335,7 @@ static int32_t list_hung(const pliant_body *body, int32_t *part, int32_t *hung)
     return pliant_pairs_sort(hung, 2 * joints);
 }
 
-/* Nodes that joints have kept together: corners around them that are joined still. */
+/* Add joints between corners that are still joined around nodes that joints have kept together. */
 static pliant_status keep_together(splitting *split, int32_t count, const int32_t *hung)
 {
     cut_work *work = split->work;
@@ -349,7 +358,8 @@ static pliant_status keep_together(splitting *split, int32_t count, const int32_
     return PLIANT_OK;
 }
 
-/* What is fixed holds a node that keeps its number; copies are held by themselves. */
+/* Add a joint that keeps a fixed node in its position. Only the element that keeps the node number gets it; copies are
+ * fixed separately. */
 static pliant_status keep_fixed(splitting *split, int32_t node)
 {
     const cut_work *work = split->work;
@@ -367,7 +377,8 @@ static pliant_status keep_joints(splitting *split)
     if (!pieces) return PLIANT_OK;
     const size_t joints = (size_t)pieces->num_joints + (size_t)pieces->num_inner;
     int32_t *part = pliant_calloc((size_t)body->fine.num_nodes, sizeof *part), *hung = pliant_calloc(2 * joints + 1, 2 * sizeof *hung);
-    split->work->joint = pliant_calloc(1, 2 * sizeof *split->work->joint); /* none may be left */
+    /* an empty list also needs memory, because NULL means that joints are unchanged */
+    split->work->joint = pliant_calloc(1, 2 * sizeof *split->work->joint);
     pliant_status status = part && hung && split->work->joint ? PLIANT_OK : no_memory();
     const int32_t count = status == PLIANT_OK ? list_hung(body, part, hung) : 0;
     for (int32_t i = 0, next; i < count && status == PLIANT_OK; i = next) {

@@ -1,4 +1,4 @@
-/* A stroke of a blade, from what it passes through to the next body. */
+/* Cut a body along the sweep of a blade, and build the next body. */
 #include "topology/parts.h"
 #include "cut/work.h"
 
@@ -50,7 +50,7 @@ static pliant_status divide(cut_work *work, uint64_t revision, pliant_body **out
                                       .joint = work->joint,
                                       .cuts = work->next};
     pliant_status status = pliant_body_divide(work->body, revision, &division, out);
-    if (status == PLIANT_OK) work->next = NULL; /* taken */
+    if (status == PLIANT_OK) work->next = NULL; /* owned by the next body */
     return status;
 }
 
@@ -62,7 +62,7 @@ static pliant_status find_state(cut_work *work)
     return good ? PLIANT_OK : pliant_fail_memory("what a blade touches");
 }
 
-/* what this cut severs, after what those before it did */
+/* Append the links and bridges that this cut severs to those of earlier cuts. */
 static pliant_status write_down(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;
@@ -84,7 +84,7 @@ static pliant_status write_down(cut_work *work)
     return PLIANT_OK;
 }
 
-/* all but what is newly severed */
+/* Free everything except the newly severed links and bridges. */
 static void forget(cut_work *work)
 {
     void *blocks[] = {work->touched, work->start,      work->first,      work->voxel,    work->part,  work->fragment,     work->edge,
@@ -113,7 +113,7 @@ static pliant_status find_corners(cut_work *work)
     return PLIANT_OK;
 }
 
-/* after pliant_cut_find_edges */
+/* Build the next body; call after pliant_cut_find_edges. */
 static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **out)
 {
     pliant_status status = find_corners(work);
@@ -122,7 +122,7 @@ static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **
     if (status == PLIANT_OK) status = write_down(work);
     if (status == PLIANT_OK) status = divide(work, revision, out);
     if (status != PLIANT_OK) return status;
-    /* nobody has the next body yet: its cuts are written to */
+    /* the next body is not shared yet, so its cuts may still be written */
     if (work->in_one && work->cuts) (*out)->cuts->num_pieces = work->cuts->num_pieces;
     else status = pliant_cut_count_pieces(*out, &(*out)->cuts->num_pieces);
     if (status == PLIANT_OK) return PLIANT_OK;
@@ -131,7 +131,7 @@ static pliant_status make_next(cut_work *work, uint64_t revision, pliant_body **
     return status;
 }
 
-/* Fragments, and who is joined to whom. */
+/* Find the fragments and the edges between them. */
 static pliant_status find_fragments(cut_work *work)
 {
     for (bool again = true; again;) {
@@ -195,7 +195,7 @@ pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const 
     return PLIANT_OK;
 }
 
-/* ---- once more */
+/* ---- repeat a recorded cut */
 
 static bool is_there(const pliant_voxels *voxels, const pliant_cuts *cuts, uint32_t code)
 {

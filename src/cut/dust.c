@@ -1,4 +1,4 @@
-/* What a stroke would leave joined to nobody, and is no more than a few voxels, keeps its links to one side. */
+/* Avoid fragments of a few voxels that a cut would leave without any connection: they keep their links to one side. */
 #include "topology/parts.h"
 #include "cut/work.h"
 
@@ -9,10 +9,11 @@
 
 typedef struct dust {
     cut_work *work;
-    int32_t *group;  /* (fragments + 1) that anything joins; the first: what is untouched */
-    int32_t *voxels; /* (fragments + 1) */
-    int32_t *least;  /* (fragments + 1) below which a group is dust: a single voxel always is */
-    int32_t *lost;   /* (fragments + 1) links to one other group, newly severed */
+    int32_t *group;  /* (fragments + 1) connected component; the first entry represents all untouched tetrahedra */
+    int32_t *voxels; /* (fragments + 1) voxels per component */
+    /* (fragments + 1) minimum number of voxels; a smaller component is dust, and so is a single voxel */
+    int32_t *least;
+    int32_t *lost;   /* (fragments + 1) newly severed links to each other component */
 } dust;
 
 static int32_t group_of(const dust *all, int32_t end)
@@ -38,7 +39,7 @@ static void find_groups(const dust *all)
     }
 }
 
-/* the groups of both ends of a newly severed link */
+/* Return the components of both ends of a newly severed link. */
 static void ends_of(const dust *all, int32_t link, int32_t group[2])
 {
     const cut_work *work = all->work;
@@ -47,7 +48,7 @@ static void ends_of(const dust *all, int32_t link, int32_t group[2])
     group[1] = group_of(all, pliant_cut_end_of(work, next));
 }
 
-/* the group that one has lost the most links to; -1: none */
+/* Return the component to which the most links are newly severed; -1: none. */
 static int32_t most_lost(const dust *all, int32_t group)
 {
     int32_t most = -1, ends[2];
@@ -62,7 +63,7 @@ static int32_t most_lost(const dust *all, int32_t group)
     return most;
 }
 
-/* one group's; true: links were taken back */
+/* Restore the links between a component and the one to which it has lost the most. Return whether there were any. */
 static bool take_back(const dust *all, int32_t group)
 {
     cut_work *work = all->work;

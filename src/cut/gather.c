@@ -1,4 +1,4 @@
-/* What the next body says of its fragments: which voxels move with which, and who is joined to whom. */
+/* Store the fragments in the next body: which voxels belong to which fragment, and which fragments are joined. */
 #include "cut/work.h"
 
 #include "base/fail.h"
@@ -10,7 +10,8 @@
 
 static int32_t count_voxels(const cut_work *work, int32_t tet) { return work->voxels->start[tet + 1] - work->voxels->start[tet]; }
 
-/* Of a tetrahedron in the lists of before. @param at where its voxels go in another pool; moves on */
+/* Copy the entry of an unchanged tetrahedron from the previous cuts.
+ * at: input and output; position of its voxels in another pool */
 static void keep_tet(const cut_work *work, int32_t old, pliant_cuts *next, int32_t *at)
 {
     const pliant_cuts *cuts = work->cuts;
@@ -85,7 +86,7 @@ static pliant_status gather_chips(const cut_work *work, pliant_cuts *next)
     return PLIANT_OK;
 }
 
-/* those of before that stay, in order, and those of now */
+/* Merge the previous joins that stay, in order, with the new ones. */
 static pliant_status gather_joins(const cut_work *work, pliant_cuts *next)
 {
     const pliant_cuts *cuts = work->cuts;

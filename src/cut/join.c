@@ -1,4 +1,5 @@
-/* Who is joined to whom, counted in links, diagonals and bridges; chips are given to those that they hang on most. */
+/* Count the links, diagonals and bridges that join fragments and tetrahedra, and assign each chip to the fragment with
+ * which it shares most of them. */
 #include "topology/parts.h"
 #include "cut/work.h"
 
@@ -9,7 +10,7 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("what fragments are joined to"); }
 
-/* ---- edges, in a hash table */
+/* ---- hash table of edges */
 
 static uint32_t hash_of(int32_t a, int32_t b, int32_t size)
 {
@@ -17,7 +18,7 @@ static uint32_t hash_of(int32_t a, int32_t b, int32_t size)
     return (uint32_t)(mixed >> 32) & (uint32_t)(size - 1);
 }
 
-/* where an edge is in the table, or would be */
+/* Return the slot of an edge in the table, or the free slot where it belongs. */
 static int32_t slot_of(const cut_work *work, int32_t a, int32_t b)
 {
     uint32_t slot = hash_of(a, b, work->table_size);
@@ -81,7 +82,8 @@ int32_t pliant_cut_end_of(const cut_work *work, int32_t voxel)
     return work->cuts->voxel_fragment[work->cuts->voxel_start[-state - 1] + place];
 }
 
-/* One of the eighteen neighbours: how far away it is in the box and among all voxels, and so is each that a diagonal may go by. */
+/* One of the 18 neighbours of a voxel: its offset in the box and among all voxels, and the same offsets of the two
+ * voxels through which a diagonal may pass. */
 typedef struct neighbour {
     int8_t step[3];
     bool is_diagonal;
@@ -111,7 +113,8 @@ static void find_neighbours(const cut_work *work, neighbour out[18])
     }
 }
 
-/* pliant_joined of a neighbour that there is; doubtful: links may be severed there */
+/* Return pliant_joined for an existing neighbour.
+ * doubtful: whether links near the voxel may be severed */
 static bool is_joined(const cut_work *work, const neighbour *to, const int32_t *place, int32_t voxel, const int32_t at[3], bool doubtful)
 {
     if (doubtful) return pliant_joined(&work->links, voxel, at, to->step);
@@ -170,12 +173,13 @@ pliant_status pliant_cut_find_edges(cut_work *work)
 
 typedef struct chips {
     cut_work *work;
-    int32_t *group;    /* (fragments + 1) that faces join; the last: what is untouched */
-    int32_t *voxels;   /* (fragments + 1) of a group */
-    int32_t *best, *weight; /* (fragments) whom it hangs on most, outside of its group, and by how much */
+    /* (fragments + 1) component connected by faces; the last entry represents all untouched tetrahedra */
+    int32_t *group;
+    int32_t *voxels;   /* (fragments + 1) voxels per component */
+    int32_t *best, *weight; /* (fragments) element outside the component with the heaviest edge, and its weight */
 } chips;
 
-/* whether an edge holds: its ends have a face in common, or are parts of one tetrahedron */
+/* Return whether an edge connects elements mechanically: they have a common face, or are parts of one tetrahedron. */
 static bool holds(const cut_work *work, int32_t a, int32_t b)
 {
     const int32_t s = cut_tet_of(work, a), t = cut_tet_of(work, b);
@@ -188,7 +192,7 @@ static int32_t group_of(const chips *all, int32_t end)
     return first_of(all->group, end < tets ? 0 : end - tets + 1);
 }
 
-/* groups, and for each fragment whom it hangs on most outside of its own */
+/* Find the connected components, and the heaviest edge of each fragment that leaves its component. */
 static void find_groups(chips *all)
 {
     const cut_work *work = all->work;
@@ -218,7 +222,8 @@ static void find_groups(chips *all)
     }
 }
 
-/* Groups of less than a tetrahedron that no face joins to another, but links do: the smallest first, fragment by fragment. */
+/* Assign the fragments of components smaller than a tetrahedron that no face, but links connect to another component.
+ * The smallest components come first. */
 static pliant_status give_chips(chips *all)
 {
     cut_work *work = all->work;
@@ -232,7 +237,8 @@ static pliant_status give_chips(chips *all)
             if (one->into >= 0 || one->stays || all->best[f] < 0 || group == 0) continue;
             const int32_t to = group_of(all, all->best[f]);
             if (all->voxels[group] > work->voxels->start[one->tet + 1] - work->voxels->start[one->tet]) continue;
-            if (to != 0 && all->voxels[to] < all->voxels[group]) continue; /* that one is to go */
+            /* the other component is smaller and goes first */
+            if (to != 0 && all->voxels[to] < all->voxels[group]) continue;
             if (chosen >= 0) {
                 const int32_t least = all->voxels[group_of(all, tets + chosen)];
                 if (all->voxels[group] > least || (all->voxels[group] == least && one->voxels >= work->fragment[chosen].voxels)) continue;
@@ -244,7 +250,8 @@ static pliant_status give_chips(chips *all)
     }
 }
 
-/* Fragments of few voxels, where whoever else hangs on them hangs on the one that takes them, too. */
+/* Assign fragments of few voxels to their heaviest neighbour if all their other neighbours are connected to it as
+ * well. */
 static void give_small(chips *all)
 {
     cut_work *work = all->work;
@@ -273,7 +280,9 @@ static void give_small(chips *all)
     }
 }
 
-/* Whom a chip hangs on most, of those that are no chips, or moved with one; host: only of what moved with the same one before; -1: nobody */
+/* Return the element that shares the heaviest edge with a chip; -1: none.
+ * on_chips: also consider other chips that moved with fragments of other tetrahedra
+ * host: consider only elements that moved with the same fragment before the cut */
 static int32_t most_hung(const cut_work *work, int32_t f, bool on_chips, bool host)
 {
     const int32_t tets = work->body->fine.num_tets;
@@ -291,8 +300,8 @@ static int32_t most_hung(const cut_work *work, int32_t f, bool on_chips, bool ho
     return best;
 }
 
-/* Chips that moved with others go on so, with the same ones if they still hang on them, if only by other chips: nodes of their own tetrahedron
- * may be far by now. */
+/* Assign the chips of earlier cuts again. A chip stays with its previous fragment if they are still joined, even
+ * through other chips, because the nodes of its own tetrahedron may be far away. */
 static void give_again(cut_work *work)
 {
     static const struct { bool chips, host; } passes[3] = {{false, true}, {false, false}, {true, false}};
@@ -309,7 +318,7 @@ static void give_again(cut_work *work)
         }
 }
 
-/* Edges of what was given away become those of who took it. */
+/* Add the edges of each assigned chip to the element that received it. */
 static pliant_status hand_on(cut_work *work)
 {
     const int32_t count = work->num_edges;

@@ -1,4 +1,4 @@
-/* Which fragment is under a point of the deformed body. */
+/* Find the fragment at a point of the deformed body. */
 #include "topology/links.h"
 #include "cut/work.h"
 #include "pliant/cut.h"
@@ -7,10 +7,10 @@
 #include <math.h>
 #include <string.h>
 
-/* Points on a face are inside both tetrahedra; rounding may not put them outside both. */
+/* A point on a face is inside both tetrahedra. The tolerance prevents rounding from placing it outside both. */
 static const double tolerance = 1e-9;
 
-/* weight of a fragment at a point: of the eight voxels around it, its own ones and those of who is joined to it */
+/* Return the trilinear weight at a point of the voxels that belong to a fragment or to fragments joined with it. */
 static double weight_of(const pliant_body *body, int32_t fragment, const double index[3])
 {
     const pliant_voxels *voxels = body->voxels;
@@ -32,7 +32,8 @@ static double weight_of(const pliant_body *body, int32_t fragment, const double 
     return sum;
 }
 
-/* whether of all fragments of its tetrahedron this one is at a point at rest: that with the most weight, the first of those with as much */
+/* Return whether a fragment occupies a rest point: it has the maximum weight of all fragments of its tetrahedron, the
+ * first one at a tie. */
 static bool is_there(const pliant_body *body, int32_t fragment, const double barycentric[4])
 {
     const pliant_cuts *cuts = body->cuts;
@@ -76,7 +77,8 @@ static bool inside(const pliant_mesh *mesh, const double *positions, int32_t tet
     return in;
 }
 
-/* The box of a tetrahedron. false: it is not between least and most; most of all are told by their first axis */
+/* Compute the bounding box of a tetrahedron. Return false if it does not overlap the box from least to most. The test
+ * of the first axis comes first because it rejects most tetrahedra. */
 static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t tet, const double least[3], const double most[3], double low[3],
                        double high[3])
 {
@@ -96,7 +98,8 @@ static bool is_between(const pliant_mesh *mesh, const double *positions, int32_t
     return true;
 }
 
-/* (fine tetrahedra) those that may meet a box are 1; NULL: all may, or there is no memory */
+/* Return an array (fine tetrahedra) that is 1 for those which may overlap a box; NULL if there is no lattice or no
+ * memory, and then all may. */
 static uint8_t *find_near(const pliant_body *body, const double *positions, const double low[3], const double high[3])
 {
     cut_strip box = {.count = 0};
@@ -115,7 +118,7 @@ static int32_t next_near(const uint8_t *near, int32_t from, int32_t count)
     return !near ? from : found ? (int32_t)(found - near) : count;
 }
 
-/* tetrahedra in ascending order against all points that are still open, in their common box */
+/* test all tetrahedra in ascending order against the points without a result, after a test of their common box */
 void pliant_body_locate_points(const pliant_body *body, const double *positions, int32_t count, const double *points, int32_t *tet,
                                double *barycentric)
 {

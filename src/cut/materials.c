@@ -1,5 +1,6 @@
-/* What a fragment holds: the share of its voxels in what its tetrahedron holds ([H] 2.1, summed over its own voxels only). The shares of all
- * fragments add up to the whole. A chip's goes to whom it moves with. */
+/* Integrate the material of fragments. A fragment gets the fraction of its tetrahedron's integrals that its voxels
+ * contribute ([H] 2.1, summed over its own voxels). The fractions of all fragments add up to one. A chip adds its
+ * fraction to the element that received it. */
 #include "cut/work.h"
 
 #include "base/fail.h"
@@ -13,13 +14,13 @@ typedef struct sums {
     uint32_t count[PLIANT_MAX_MATERIALS];
 } sums;
 
-/* over the voxels of a touched tetrahedron that move with one in the end; end < 0: all of them */
+/* Sum over the voxels of a touched tetrahedron that belong to element `end`; end < 0: all voxels. */
 static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out)
 {
     const pliant_voxels *voxels = work->voxels;
     const int32_t tet = work->touched[touched], count = work->start[touched + 1] - work->start[touched], tets = work->body->fine.num_tets;
     const uint8_t *material = voxels->material + voxels->start[tet];
-    /* on bone, fixed voxels were left out of what the tetrahedron holds (pliant_mesh_integrate_moved) */
+    /* next to bone, fixed voxels are not part of the tetrahedron's integrals (pliant_mesh_integrate_moved) */
     const bool leaves_out = work->body->fine.num_moved > 0 && voxels->load[tet].num_voxels < (uint32_t)count;
     memset(out, 0, sizeof *out);
     for (int32_t v = 0; v < count; v++) {
@@ -37,7 +38,7 @@ static void add_up(const cut_work *work, int32_t touched, int32_t end, sums *out
     }
 }
 
-/* by their numbers where the voxels have nothing of it */
+/* Return part / whole, or the fraction of voxels if whole is zero. */
 static double share(double part, double whole, const sums *own, const sums *all)
 {
     return whole > 0 ? part / whole : (double)own->voxels / all->voxels;
@@ -61,7 +62,7 @@ static void share_material(const cut_work *work, int32_t tet, const sums *own, c
     }
 }
 
-/* of another tetrahedron: by volume */
+/* Add the material of a chip from another tetrahedron, weighted by volume. */
 static void add_chip(const pliant_tet_material *chip, double volumes, pliant_tet_material *out)
 {
     out->lambda += volumes * chip->lambda;
@@ -77,7 +78,8 @@ pliant_status pliant_cut_materials(cut_work *work)
     work->material = pliant_calloc((size_t)(work->num_changed + work->num_tets - tets) + 1, sizeof *work->material);
     if (!work->material) return pliant_fail_memory("the materials of fragments");
     for (int32_t r = 0; r < work->num_changed; r++) work->material[r] = body->fine_material[work->changed[r]];
-    for (int pass = 0; pass < 2; pass++) /* chips after those that take them */
+    /* the first pass handles fragments of the same tetrahedron, the second one chips of other tetrahedra */
+    for (int pass = 0; pass < 2; pass++)
         for (int32_t t = 0; t < work->num_touched; t++) {
             const int32_t tet = work->touched[t];
             sums all, own;

@@ -1,4 +1,5 @@
-/* Which tetrahedra a blade may be near: the nodes of some cubes of the lattice together are in a box, and so are all tetrahedra between them. */
+/* Find the tetrahedra that a blade may touch. The bounding box of the nodes of some lattice cubes contains all
+ * tetrahedra between them. */
 #include "cut/work.h"
 
 #include "base/fail.h"
@@ -7,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Cubes along each axis whose first nodes share a box. */
+/* number of cubes along each axis that share a bounding box */
 enum { GROUP = 2 };
 
 typedef struct node_box {
@@ -16,7 +17,7 @@ typedef struct node_box {
 
 typedef struct node_groups {
     const pliant_mesh *mesh;
-    const int32_t *load;       /* (num_nodes) the node at load of each; NULL: itself */
+    const int32_t *load;       /* (num_nodes) node of the initial mesh; NULL: the node itself */
     int32_t count[3];
     node_box *box;
 } node_groups;
@@ -36,7 +37,8 @@ static inline void take_in(const node_box *one, node_box *all)
 
 static const node_box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
-/* Each box takes in those that come next along all axes: in it are then all nodes of the tetrahedra between. */
+/* Extend each box by the boxes that follow along all axes. It then contains all nodes of the tetrahedra between
+ * them. */
 static void take_in_next(node_groups *groups)
 {
     const int32_t *count = groups->count, stride[3] = {1, count[0], count[0] * count[1]};
@@ -45,12 +47,13 @@ static void take_in_next(node_groups *groups)
             if (g / stride[axis] % count[axis] + 1 < count[axis]) take_in(groups->box + g + stride[axis], groups->box + g);
 }
 
-/* copies are where their sources are on the lattice; nodes run along its rows */
+/* Compute the boxes. A copy of a node belongs to the lattice position of its source; nodes are numbered along the
+ * lattice's rows. */
 static void find_boxes(node_groups *groups, int32_t load, const double *positions)
 {
     const pliant_mesh *mesh = groups->mesh;
     const int32_t row = mesh->cells[0] + 1, rows = mesh->cells[1] + 1;
-    int32_t begin = 0, first = 0; /* of the row that the last node was in: its number on the lattice, and of its groups */
+    int32_t begin = 0, first = 0; /* first lattice number and first group of the row of the last node */
     for (int32_t g = 0; g < groups->count[0] * groups->count[1] * groups->count[2]; g++) groups->box[g] = nothing;
     for (int32_t n = 0; n < mesh->num_nodes; n++) {
         const int32_t node = mesh->lattice_of_node[n >= load && groups->load ? groups->load[n] : n];
@@ -69,7 +72,8 @@ static void find_boxes(node_groups *groups, int32_t load, const double *position
     take_in_next(groups);
 }
 
-/* A tetrahedron's box reaches further by a share of its own size, which is no more than that of all. */
+/* Return whether the strip may touch a group's tetrahedra. Each tetrahedron's box grows by a fraction of its size,
+ * which is at most the size of the group's box. */
 static bool may_be_near(const node_box *all, const cut_strip *strip, double reach, double slack)
 {
     for (int d = 0; d < 3; d++) {
@@ -100,11 +104,11 @@ pliant_status pliant_cut_near(const pliant_body *body, const double *positions, 
     node_groups groups = {.mesh = mesh, .load = body->node_parent};
     uint8_t *near = *out = pliant_calloc((size_t)mesh->num_tets, 1);
     if (!near) return pliant_fail_memory("what a blade touches");
-    if (!mesh->tet_of_lattice || !mesh->lattice_of_node) { /* leaves of an octree */
+    if (!mesh->tet_of_lattice || !mesh->lattice_of_node) { /* the leaves of an octree have no lattice */
         memset(near, 1, (size_t)mesh->num_tets);
         return PLIANT_OK;
     }
-    memset(near + load, 1, (size_t)(mesh->num_tets - load)); /* fragments, which are few */
+    memset(near + load, 1, (size_t)(mesh->num_tets - load)); /* fragments are few, so all are candidates */
     for (int d = 0; d < 3; d++) groups.count[d] = mesh->cells[d] / GROUP + 1;
     groups.box = pliant_calloc((size_t)groups.count[0] * (size_t)groups.count[1] * (size_t)groups.count[2], sizeof *groups.box);
     if (!groups.box) return pliant_fail_memory("what a blade touches");

@@ -1,4 +1,4 @@
-/* How many pieces with tissue a body is in. */
+/* Count the connected pieces of a body that contain tissue. */
 #include "cut/work.h"
 
 #include "base/fail.h"

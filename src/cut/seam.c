@@ -1,12 +1,12 @@
-/* Where the sweeps of a stroke meet. Each is tested against the tissue as it lies in its own step; a link between one voxel that the last sweep
- * went by on the right and one that this sweep goes by on the left is straight, while the tissue between them bends, and where it has moved from one step
- * to the next both sweeps may miss it: each ends, or begins, beyond the link. Such a link is told by what is severed beside it. */
+/* Close the gaps between the sweeps of one stroke. Each sweep is tested against the tissue at its own step. A link is
+ * straight, but the tissue around it bends and moves between two steps. Where one sweep ends and the next begins, both
+ * can miss a link between voxels on opposite sides. Such a link is recognized by the severed links adjacent to it. */
 #include "cut/work.h"
 
 typedef struct seam {
     cut_work *work;
-    pliant_links before;  /* what was severed before this sweep */
-    int32_t num_links;    /* that the sweep has severed itself */
+    pliant_links before;  /* severed links before this sweep */
+    int32_t num_links;    /* number of links that the sweep itself has severed */
 } seam;
 
 static bool is_owned(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], int axis, int way)
@@ -26,7 +26,7 @@ static bool is_new(const seam *all, uint32_t link)
     return found < all->num_links && all->work->link[found] == link;
 }
 
-/* whether the link from a voxel along an axis is there, and severed */
+/* Return whether the link from a voxel along an axis exists and is severed. */
 static bool is_severed(const seam *all, int32_t voxel, const int32_t at[3], int axis, int way)
 {
     if (!is_owned(all->work->voxels, voxel, at, axis, way)) return false;
@@ -37,12 +37,12 @@ static bool is_of(const pliant_cuts *cuts, int32_t cut, uint32_t link)
 {
     const int32_t begin = cut > 0 ? cuts->cut_end[cut - 1] : 0;
     int32_t links = cuts->cut_end[cut] - begin;
-    while (links > 0 && cuts->severed[begin + links - 1] % 4 == 3) links--; /* bridges */
+    while (links > 0 && cuts->severed[begin + links - 1] % 4 == 3) links--; /* skip the bridges */
     const int32_t found = pliant_lower(cuts->severed + begin, links, link);
     return found < links && cuts->severed[begin + found] == link;
 }
 
-/* whether it was by a sweep of this stroke before this one; other blades may have cut meanwhile */
+/* Return whether an earlier sweep of this stroke severed a link. Other blades may have cut in between. */
 static bool is_of_stroke(const seam *all, uint32_t link)
 {
     const pliant_cuts *cuts = all->work->cuts;
@@ -50,13 +50,16 @@ static bool is_of_stroke(const seam *all, uint32_t link)
     for (int32_t i = cuts ? cuts->num_cuts - 1 : -1; i >= 0; i--) {
         const uint32_t *then = cuts->stroke + 2 * i;
         if (then[0] == now[0] && then[1] == now[1] && is_of(cuts, i, link)) return true;
-        if (then[0] == now[0] && then[1] > 0 && then[1] < now[1]) return false; /* its stroke before */
+        /* an earlier stroke of the same blade */
+        if (then[0] == now[0] && then[1] > 0 && then[1] < now[1]) return false;
     }
     return false;
 }
 
-/* This sweep is beyond a voxel along an axis, and nothing parts it from what is behind. Neighbours beside it that an earlier sweep of the stroke lies
- * behind of, and nothing parts from what is beyond, are on the other side: the plane through both crosses the link between. */
+/* Sever missed links around a voxel. This sweep has severed the voxel's link in direction `beyond`, and its link in the
+ * opposite direction is intact. Consider an adjacent voxel perpendicular to the axis. If an earlier sweep of the stroke
+ * has severed its link in the opposite direction, and its link in direction `beyond` is intact, the two voxels lie on
+ * opposite sides. The link between them is then severed. */
 static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t at[3], int axis, int beyond)
 {
     const pliant_voxels *voxels = all->work->voxels;

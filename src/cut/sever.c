@@ -1,5 +1,6 @@
-/* Which links a blade severs: both ends of each are mapped forward, each by the fragment that carries it; the blade is mapped back only to
- * find candidates. So all links at a voxel agree on which side of the blade it is. */
+/* Find the links that a blade severs. The fragments map both ends of a link to their deformed positions, where the
+ * blade is tested. The inverse map only selects candidates. All links of a voxel therefore agree on its side of the
+ * blade. */
 #include "cut/work.h"
 
 #include "cut/sweep.h"
@@ -14,12 +15,12 @@
 static inline double lesser(double a, double b) { return a < b ? a : b; }
 static inline double greater(double a, double b) { return a > b ? a : b; }
 
-/* x = axes index + origin, of a fragment's voxels */
+/* map from voxel indices of a fragment to deformed positions: x = axes index + origin */
 typedef struct voxel_map {
     double axes[9], origin[3];
 } voxel_map;
 
-/* Triangles whose common box is looked at first, and that box. */
+/* Group of triangles whose common bounding box is tested first. */
 enum { RUN = 8 };
 typedef struct triangle_run {
     double low[3], high[3];
@@ -29,21 +30,22 @@ typedef struct severing {
     cut_work *work;
     double rest_of_index[9]; /* voxel axes times spacing */
     double slack;            /* [m] */
-    double reach;            /* two voxels in a stretched tetrahedron, over its extent */
-    double handed;           /* of the scan: 1 or -1 */
+    double reach;            /* two voxels in a stretched tetrahedron, as a fraction of its extent */
+    double handed;           /* handedness of the scan: 1 or -1 */
     cut_strip strip;
-    int32_t *near;           /* triangles near a fragment */
+    int32_t *near;           /* triangles near the current fragment */
     int32_t num_near;
-    triangle_run *run;       /* of them, so many at a time */
-    double slab[5];          /* of a fragment: only voxels with slab[3] <= slab[0..2] . index <= slab[4] are near them */
-    double between[2];       /* and they lie between these, as far as its own map goes */
-    cut_sparse map_of;       /* of fine tetrahedra; 1 + index into maps */
+    triangle_run *run;       /* groups of these triangles */
+    /* planes around the triangles near a fragment: voxels are candidates if slab[3] <= slab[0..2] . index <= slab[4] */
+    double slab[5];
+    double between[2];       /* the same triangles lie between these two values, according to the fragment's map */
+    cut_sparse map_of;       /* per fine tetrahedron: 1 + index into maps */
     int32_t num_maps, map_room;
     voxel_map *maps;
 } severing;
 
-/* A strip is moved aside by less than a fiftieth of a voxel, along no axis or diagonal: of voxels whose centres are on a blade, up to the
- * rounding and the tolerance of where the tissue is, all are beyond it. */
+/* The strip is shifted by less than 1/50 voxel, along no axis or diagonal. Voxel centres exactly on a blade, up to
+ * rounding and the tolerance of the tissue's positions, then all lie on the same side. */
 static const double tie[3] = {-1. / 64, -0.7549 / 64, -0.5698 / 64};
 
 /* ---- maps */
@@ -89,15 +91,15 @@ static void place_in(const voxel_map *map, const int32_t at[3], double out[3])
     for (int r = 0; r < 3; r++) out[r] = map->axes[3 * r] * at[0] + map->axes[3 * r + 1] * at[1] + map->axes[3 * r + 2] * at[2] + map->origin[r];
 }
 
-/* ---- the predicate */
+/* ---- intersection test */
 
-/* whether two boxes have nothing in common */
+/* Return whether two boxes are disjoint. */
 static inline bool are_apart(const double low[3], const double high[3], const double other_low[3], const double other_high[3])
 {
     return low[0] > other_high[0] || high[0] < other_low[0] || low[1] > other_high[1] || high[1] < other_low[1] || low[2] > other_high[2] || high[2] < other_low[2];
 }
 
-/* the triangle that parts two points, or NULL */
+/* Return the triangle that separates two points, or NULL. */
 static const cut_triangle *parted(const severing *cut, const double a[3], const double b[3])
 {
     double low[3], high[3];
@@ -116,13 +118,14 @@ static const cut_triangle *parted(const severing *cut, const double a[3], const 
     return NULL;
 }
 
-/* The share of a severed link in the area at rest, |n_d| A_d: n the unit normal of the blade, A_d the face between two voxels. Stairs of such
- * faces have the area of the plane that they follow then (Gauss). */
+/* Return the area contribution of a severed link at rest, |n_d| A_d, with the blade's unit normal n and the area A_d
+ * of the face between two voxels. A staircase of such faces then has the area of the plane that it approximates
+ * (Gauss). */
 static double area_of(const severing *cut, const voxel_map *map, const double normal[3], int axis)
 {
     const double *spacing = cut->work->voxels->geometry.spacing;
     double along[3], squares = 0;
-    for (int d = 0; d < 3; d++) { /* normals go back by the transposed map */
+    for (int d = 0; d < 3; d++) { /* normals transform with the transposed map */
         along[d] = (map->axes[d] * normal[0] + map->axes[3 + d] * normal[1] + map->axes[6 + d] * normal[2]) / spacing[d];
         squares += along[d] * along[d];
     }
@@ -160,7 +163,7 @@ static pliant_status add_bridge(cut_work *work, int32_t bridge)
     return PLIANT_OK;
 }
 
-/* the fine tetrahedron that carries a voxel that is owned */
+/* Return the fine tetrahedron to which an owned voxel belongs. */
 static int32_t carrier_of(const cut_work *work, int32_t voxel)
 {
     const int32_t tet = work->voxels->owner[voxel], state = cut_state(work, tet);
@@ -178,7 +181,7 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     const int32_t with = carrier_of(work, other);
     if (with == tet) {
         const double beyond = side + cut->slab[axis];
-        if (way < 0) return PLIANT_OK; /* from the other end */
+        if (way < 0) return PLIANT_OK; /* tested from the other end */
         if ((side < cut->between[0] && beyond < cut->between[0]) || (side > cut->between[1] && beyond > cut->between[1])) return PLIANT_OK;
     }
     int32_t there[3] = {at[0], at[1], at[2]};
@@ -188,7 +191,8 @@ static pliant_status try_link(severing *cut, int32_t tet, int32_t voxel, const i
     if (!to || !from) return pliant_fail_memory("the maps of fragments");
     place_in(from, at, a);
     place_in(to, there, b);
-    const cut_triangle *one = way > 0 ? parted(cut, a, b) : parted(cut, b, a); /* the same bits from both ends */
+    /* both orders of the points give the same floating-point result */
+    const cut_triangle *one = way > 0 ? parted(cut, a, b) : parted(cut, b, a);
     if (!one) return PLIANT_OK;
     const pliant_links links = {.voxels = voxels, .cuts = work->cuts};
     const int32_t lower = way > 0 ? voxel : other;
@@ -201,7 +205,7 @@ static pliant_status try_bridge(severing *cut, int32_t bridge)
     cut_work *work = cut->work;
     const voxel_map *map[2];
     double at[2][3];
-    for (int end = 0; end < 2; end++) { /* map_of may move the maps: twice */
+    for (int end = 0; end < 2; end++) { /* map_of may move the array of maps, so no pointer is kept */
         if (!map_of(cut, carrier_of(work, work->voxels->bridge[2 * bridge + end])))
             return pliant_fail_memory("the maps of fragments");
     }
@@ -217,7 +221,8 @@ static pliant_status try_bridge(severing *cut, int32_t bridge)
 
 /* ---- candidates */
 
-/* Triangles that meet a fragment, whose tetrahedron with two voxels around it is the box. false: none; then the box is of what is common. */
+/* Collect the triangles that overlap a box around a fragment, its tetrahedron enlarged by two voxels. Return false if
+ * there is none. Otherwise the box becomes its intersection with the triangles' box. */
 static bool find_near(severing *cut, double low[3], double high[3])
 {
     double from[3] = {INFINITY, INFINITY, INFINITY}, to[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -242,7 +247,7 @@ static bool find_near(severing *cut, double low[3], double high[3])
     return cut->num_near > 0;
 }
 
-/* the box, mapped back to indices of voxels, with two more around it; all where the map is flat or turned inside out */
+/* Map a box back to voxel indices, enlarged by two voxels. Return all voxels where the map is singular or inverted. */
 static void map_back(const voxel_map *map, double handed, const double low[3], const double high[3], double from[3], double to[3])
 {
     const double *m = map->axes;
@@ -268,7 +273,8 @@ static void map_back(const voxel_map *map, double handed, const double low[3], c
     }
 }
 
-/* The triangles near a fragment lie between two planes, which are mapped back to indices of its voxels; three links more on either side. */
+/* Find two planes in voxel indices that enclose the triangles near a fragment, enlarged by three links on either
+ * side. */
 static void find_slab(severing *cut, const voxel_map *map)
 {
     double normal[3] = {0}, low = INFINITY, high = -INFINITY, steps = 0, offset = 0, length = 0;
@@ -287,14 +293,16 @@ static void find_slab(severing *cut, const voxel_map *map)
         offset += normal[c] * map->origin[c];
         length += fabs(normal[c]);
     }
-    const double more = 1e-3 * steps + 4 * length * cut->slack; /* the predicate's tolerance, and what these sums round */
+    /* tolerance of the intersection test plus rounding of these sums */
+    const double more = 1e-3 * steps + 4 * length * cut->slack;
     cut->between[0] = low - offset - more;
     cut->between[1] = high - offset + more;
     cut->slab[3] = low - offset - 3 * steps;
     cut->slab[4] = high - offset + 3 * steps;
 }
 
-/* of a tetrahedron at load, the voxels between two indices that a fine one carries, and its bridges */
+/* Test the links of the voxels of an initial tetrahedron between two indices that belong to one fine tetrahedron, and
+ * its bridges. */
 static pliant_status try_voxels(severing *cut, int32_t tet, int32_t owner, const double from[3], const double to[3])
 {
     const cut_work *work = cut->work;
@@ -349,7 +357,7 @@ static pliant_status try_fragment(severing *cut, int32_t tet)
     return status;
 }
 
-/* ---- sorted, each once */
+/* ---- sort and remove duplicates */
 
 typedef struct severed {
     uint32_t link;
@@ -390,9 +398,9 @@ pliant_status pliant_cut_sever(cut_work *work, const pliant_cut_sweep *sweep)
     const double aside[3] = {tie[0] * spacing, tie[1] * spacing, tie[2] * spacing};
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) cut.rest_of_index[3 * r + c] = geometry->direction[3 * r + c] * geometry->spacing[c];
-    const double *cell = work->body->fine.cell_size; /* of an octree, of its smallest leaves */
+    const double *cell = work->body->fine.cell_size; /* for an octree, the size of its smallest leaves */
     cut.handed = pliant_determinant(geometry->direction) < 0 ? -1 : 1;
-    /* the least height of the lattice's tetrahedra is 0.58 of a cube's side, of one on bone less */
+    /* the minimum height of the lattice's tetrahedra is 0.58 of a cube's side, and less next to bone */
     cut.reach = (work->body->fine.num_moved > 0 ? 8 : 4) * greater(geometry->spacing[0], greater(geometry->spacing[1], geometry->spacing[2])) /
                 lesser(cell[0], lesser(cell[1], cell[2]));
     uint8_t *may = NULL;

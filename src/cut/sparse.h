@@ -1,4 +1,5 @@
-/* Numbers by tetrahedron, nearly all of them 0: only runs of tetrahedra of which some are not are kept. */
+/* Sparse array of numbers, one per tetrahedron, nearly all of them 0. Only runs of tetrahedra with a nonzero number are
+ * stored. */
 #ifndef PLIANT_CUT_SPARSE_H
 #define PLIANT_CUT_SPARSE_H
 
@@ -14,12 +15,13 @@ extern "C" {
 enum { CUT_RUN = 256 };
 
 typedef struct cut_sparse {
-    int32_t *place;    /* (runs) of each in number, in runs; 0: that of those that are all 0 */
+    int32_t *place;    /* (runs) index of each run in number, in units of runs; 0: the common run of zeros */
     int32_t *number;   /* (room x CUT_RUN) */
     int32_t runs, room;
 } cut_sparse;
 
-/* For tetrahedra below count. false: out of memory; to be cleared all the same. */
+/* Create an array for tetrahedra below count. Return false if memory is exhausted; the array must be freed
+ * nevertheless. */
 static inline bool cut_sparse_create(int32_t count, cut_sparse *sparse)
 {
     sparse->place = (int32_t *)pliant_calloc((size_t)count / CUT_RUN + 1, sizeof *sparse->place);
@@ -41,7 +43,7 @@ static inline int32_t cut_sparse_get(const cut_sparse *sparse, int32_t tet)
     return sparse->number[CUT_RUN * (size_t)sparse->place[tet / CUT_RUN] + (size_t)(tet % CUT_RUN)];
 }
 
-/* false: out of memory, and it is as it was */
+/* Return false if memory is exhausted; the array is then unchanged. */
 static inline bool cut_sparse_set(cut_sparse *sparse, int32_t tet, int32_t number)
 {
     int32_t *place = sparse->place + tet / CUT_RUN;

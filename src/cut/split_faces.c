@@ -1,5 +1,5 @@
-/* Where tetrahedra part: at faces of which a stroke has crossed all three corners. A node is copied where its tetrahedra then hang together
- * by no other face. */
+/* Separate tetrahedra at the faces whose three corners a stroke has passed. A node is copied for each group of
+ * tetrahedra around it that no face connects any more. */
 #include "topology/parts.h"
 #include "cut/subdivide.h"
 
@@ -10,11 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* a face on the way of the stroke, 4 tetrahedron + corner of both sides */
+/* A face on the stroke: 4 tetrahedron + corner for both sides. */
 typedef struct face {
     int32_t side[2];
     double area;
-    bool flat; /* all four corners of one side are on the way */
+    bool flat; /* all four corners of one side's tetrahedron are on the stroke */
 } face;
 
 typedef struct face_list {
@@ -29,7 +29,7 @@ static int num_on(const cut_splitting *work, int32_t tet)
     return count;
 }
 
-/* the corner of another tetrahedron that is opposite a face of this one; -1: it has no such face */
+/* Return the corner of another tetrahedron that is opposite a given face; -1 if it does not have that face. */
 static int opposite(const int32_t *nodes, int corner, const int32_t *other)
 {
     int found = 0, last = 6;
@@ -42,7 +42,7 @@ static int opposite(const int32_t *nodes, int corner, const int32_t *other)
     return found == 3 ? last : -1;
 }
 
-/* 4 tetrahedron + corner across a face; -1: none */
+/* Return 4 tetrahedron + corner on the other side of a face; -1: none. */
 static int32_t across(const cut_splitting *work, int32_t tet, int corner)
 {
     const int32_t *nodes = work->corners + 4 * (size_t)tet;
@@ -77,7 +77,7 @@ static pliant_status list_faces(const cut_splitting *work, face_list *list)
         for (int c = 0; c < 4 && count >= 3; c++) {
             if (count - work->on[work->corners[4 * (size_t)t + c]] < 3) continue;
             const int32_t other = across(work, t, c);
-            if (other / 4 <= t) continue; /* none, or listed from there */
+            if (other / 4 <= t) continue; /* no neighbour, or listed from the other side */
             if (list->count == list->room) {
                 const int32_t room = 2 * list->room + 64;
                 face *longer = pliant_resize(list->faces, (size_t)room, sizeof *longer);
@@ -98,8 +98,8 @@ static int by_area(const void *a, const void *b)
     return i->side[0] < j->side[0] ? -1 : i->side[0] > j->side[0];
 }
 
-/* All but those that hold what lies flat on the way of the stroke, with all of its corners: it stays with one neighbour, across the largest
- * of its faces that leads to one. */
+/* Sever all faces on the stroke, with one exception. A tetrahedron with all four corners on the stroke stays attached
+ * to one neighbour, across the largest suitable face. */
 static pliant_status sever(cut_splitting *work, face_list *list)
 {
     int32_t *group = pliant_calloc((size_t)work->num_tets, sizeof *group);
@@ -128,7 +128,10 @@ static pliant_status sever(cut_splitting *work, face_list *list)
     return good ? PLIANT_OK : pliant_fail_memory("the faces that a blade parts");
 }
 
-/* part: of the corners around a node, those that hang together; where they did so at an edge or the node alone before, they still do */
+/* Group the corners around a node.
+ * part: groups connected by faces after the cut
+ * whole: groups connected by faces before the cut; those that only an edge or the node connected before stay
+ * connected */
 static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *whole)
 {
     const int32_t count = work->num_around;
@@ -137,7 +140,8 @@ static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *who
         for (int32_t j = i + 1; j < count; j++) {
             const int32_t s = work->around[i] / 4, t = work->around[j] / 4;
             for (int c = 0; c < 4; c++) {
-                const int32_t severed = work->severed[4 * (size_t)s + (size_t)c] - 1; /* its other nodes may be parted already */
+                /* across a severed face the node numbers may already differ */
+                const int32_t severed = work->severed[4 * (size_t)s + (size_t)c] - 1;
                 if (c == work->around[i] % 4) continue;
                 if (severed >= 0 ? severed / 4 == t : opposite(work->corners + 4 * (size_t)s, c, work->corners + 4 * (size_t)t) >= 0) {
                     join(whole, i, j);
@@ -169,7 +173,7 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **roo
     }
     int32_t *part = *room, *whole = *room + count;
     if (find_parts(work, part, whole) == 1) return PLIANT_OK;
-    for (int32_t i = 1; i < count && status == PLIANT_OK; i++) { /* the first keeps the node */
+    for (int32_t i = 1; i < count && status == PLIANT_OK; i++) { /* the first part keeps the node */
         if (part[i] != i) continue;
         const int32_t copy = work->num_nodes;
         status = pliant_split_add_node(work, (pliant_between){{node, node}, 0}, work->fixed[node]);
@@ -180,7 +184,7 @@ static pliant_status split_node(cut_splitting *work, int32_t node, int32_t **roo
     return status;
 }
 
-/* what has opened: faces that are no longer shared */
+/* Report the area of the faces that the tetrahedra no longer share. */
 static void tell_opened(const cut_splitting *work, const face_list *list, const pliant_cut_sweep *sweep, pliant_cut_report *report)
 {
     for (int32_t f = 0; f < list->count; f++) {
@@ -188,7 +192,8 @@ static void tell_opened(const cut_splitting *work, const face_list *list, const 
         const pliant_tet_material *material[2];
         for (int s = 0; s < 2; s++) material[s] = work->body->fine_material + work->source[side[s] / 4];
         if (opposite(a, side[0] % 4, b) >= 0 || !(material[0]->tissue > 0 && material[1]->tissue > 0)) continue;
-        const double area = 0.5 * (material[0]->tissue + material[1]->tissue) * list->faces[f].area; /* as much of it as is tissue */
+        /* only the fraction of tissue counts */
+        const double area = 0.5 * (material[0]->tissue + material[1]->tissue) * list->faces[f].area;
         report->area += area;
         for (int s = 0; s < 2 && sweep->material_of_voxel; s++) report->area_of[material[s]->material] += 0.5 * area;
     }

@@ -1,4 +1,4 @@
-/* The mesh while cuts subdivide it: nodes and tetrahedra of the body, then those appended. */
+/* Mesh during a subdividing cut: nodes and tetrahedra of the body, followed by the appended ones. */
 #include "cut/subdivide.h"
 
 #include "base/fail.h"

@@ -1,4 +1,4 @@
-/* The triangles that a blade sweeps. */
+/* Triangles of the surface that a blade sweeps. */
 #include "cut/work.h"
 
 #include "base/fail.h"
@@ -26,7 +26,7 @@ static void add_triangle(cut_strip *strip, const double aside[3], const double *
         made->normal[d] = u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3];
         squares += made->normal[d] * made->normal[d];
     }
-    if (!(squares > 0) || !isfinite(squares)) return; /* no area, or not a number */
+    if (!(squares > 0) || !isfinite(squares)) return; /* degenerate triangle or invalid number */
     for (int d = 0; d < 3; d++) {
         if (strip->count == 0 || made->low[d] < strip->low[d]) strip->low[d] = made->low[d];
         if (strip->count == 0 || made->high[d] > strip->high[d]) strip->high[d] = made->high[d];

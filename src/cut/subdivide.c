@@ -1,4 +1,4 @@
-/* From a sweep to the next body of one whose tetrahedra cuts subdivide. */
+/* Build the next body of a body whose tetrahedra are subdivided by cuts. */
 #include "cut/subdivide.h"
 
 #include "base/fail.h"
@@ -22,7 +22,7 @@ static void recall_marks(cut_splitting *work, const pliant_cut_sweep *sweep)
         if (goes_on(subdivision->mark + m, sweep)) work->on[subdivision->mark[m].node] = 1;
 }
 
-/* whether nodes are on the stroke's way that were not before */
+/* Return whether the stroke marks nodes that were not marked before. */
 static bool any_new_mark(const cut_splitting *work, const pliant_cut_sweep *sweep)
 {
     int32_t before = 0, now = 0;
@@ -31,7 +31,8 @@ static bool any_new_mark(const cut_splitting *work, const pliant_cut_sweep *swee
     return sweep->stroke > 0 && now > before;
 }
 
-/* those of other blades, and of this stroke; next: nobody has it yet */
+/* Store the marks of other blades and of this stroke.
+ * next: not shared yet */
 static pliant_status write_marks(const cut_splitting *work, const pliant_cut_sweep *sweep, pliant_subdivision *next)
 {
     int32_t count = 0;
@@ -56,7 +57,8 @@ static pliant_status divide(const cut_splitting *work, uint64_t revision, pliant
     const int32_t tets = body->fine.num_tets, nodes = body->fine.num_nodes;
     pliant_tet_material *material = pliant_calloc((size_t)work->num_tets, sizeof *material);
     if (!material) return no_memory();
-    for (int32_t t = 0; t < work->num_tets; t++) material[t] = body->fine_material[work->source[t]]; /* mass and stiffness go by volume */
+    /* mass and stiffness are distributed by volume */
+    for (int32_t t = 0; t < work->num_tets; t++) material[t] = body->fine_material[work->source[t]];
     const pliant_division division = {.num_tets = work->num_tets,
                                       .tet_source = work->source + tets,
                                       .corners = work->corners,

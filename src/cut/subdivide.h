@@ -1,4 +1,4 @@
-/* Cuts that subdivide tetrahedra ([C] 5.2): the parts, in the order in which they run. */
+/* Stages of a cut that subdivides tetrahedra ([C] 5.2), in their order. */
 #ifndef PLIANT_CUT_SUBDIVIDE_H
 #define PLIANT_CUT_SUBDIVIDE_H
 
@@ -8,41 +8,43 @@
 extern "C" {
 #endif
 
-/* The mesh while it is cut: nodes and tetrahedra of the body, then those appended. */
+/* Mesh during the cut: nodes and tetrahedra of the body, followed by the appended ones. */
 typedef struct cut_splitting {
     const pliant_body *body;
-    const double *positions;       /* of the body's nodes */
+    const double *positions;       /* deformed positions of the body's nodes */
     const cut_strip *strip;
     double slack;                  /* [m] */
     int32_t num_nodes, node_room;
-    double *rest;                  /* (num_nodes x 3) */
-    pliant_between *between;       /* (num_nodes) of those appended */
+    double *rest;                  /* (num_nodes x 3) rest positions */
+    pliant_between *between;       /* (num_nodes) edge positions of the appended nodes */
     uint8_t *fixed;                /* (num_nodes) pliant_fixing */
-    uint8_t *on;                   /* (num_nodes) the stroke passes through it */
-    int32_t *first;                /* (num_nodes) a corner that it is at, 4 tetrahedron + corner; -1: none */
+    uint8_t *on;                   /* (num_nodes) whether the stroke passes through the node */
+    int32_t *first;                /* (num_nodes) a corner of the node, 4 tetrahedron + corner; -1: none */
     int32_t num_tets, tet_room;
     int32_t *corners;              /* (num_tets x 4) nodes */
-    int32_t *next;                 /* (num_tets x 4) the next corner of the same node */
-    int32_t *source;               /* (num_tets) tetrahedron of the body */
-    int32_t *severed;              /* (num_tets x 4) of the face opposite a corner: 0, or 1 + the corner across it, from which it parts */
+    int32_t *next;                 /* (num_tets x 4) next corner of the same node */
+    int32_t *source;               /* (num_tets) source tetrahedron of the body */
+    /* (num_tets x 4) for the face opposite each corner: 0, or 1 + the corner on its other side if the face is
+     * severed */
+    int32_t *severed;
     int32_t num_around, around_room;
-    int32_t *around;               /* (num_around) room for corners, or tetrahedra */
+    int32_t *around;               /* (num_around) buffer for corners or tetrahedra */
 } cut_splitting;
 
-/* A copy of the body's mesh. Errors: MEMORY. */
+/* Copy the body's mesh. Errors: MEMORY. */
 pliant_status pliant_split_begin(const pliant_body *body, const double *positions, const cut_strip *strip, cut_splitting *out);
 void pliant_split_end(cut_splitting *work);
-/* One more node, at no corner yet. Errors: MEMORY. */
+/* Append a node that has no corner yet. Errors: MEMORY. */
 pliant_status pliant_split_add_node(cut_splitting *work, pliant_between between, uint8_t fixed);
-/* Errors: MEMORY. */
+/* Append a tetrahedron. Errors: MEMORY. */
 pliant_status pliant_split_add_tet(cut_splitting *work, const int32_t nodes[4], int32_t source);
 void pliant_split_set_corner(cut_splitting *work, int32_t tet, int corner, int32_t node);
-/* work->around: the corners of a node, ascending. Errors: MEMORY. */
+/* Collect the corners of a node in work->around, ascending. Errors: MEMORY. */
 pliant_status pliant_split_around(cut_splitting *work, int32_t node);
 
-/* split_edges.c: cuts the edges that the strip passes through, or lays it through their ends. Errors: MEMORY. */
+/* split_edges.c: cut the edges that the strip passes through, or mark their ends as on the stroke. Errors: MEMORY. */
 pliant_status pliant_split_edges(cut_splitting *work);
-/* split_faces.c: faces at which the stroke parts tetrahedra, and copies of the nodes that then have two sides. Errors: MEMORY. */
+/* split_faces.c: separate tetrahedra at faces on the stroke, and copy the nodes that both sides use. Errors: MEMORY. */
 pliant_status pliant_split_faces(cut_splitting *work, const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
 static inline double pliant_split_volume(const double *a, const double *b, const double *c, const double *d)

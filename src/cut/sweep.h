@@ -1,4 +1,5 @@
-/* Whether the way between two points passes through a triangle that a blade swept: one rule for the CPU and the GPU. */
+/* Test whether the segment between two points passes through a triangle swept by a blade. CPU and GPU share these
+ * functions. */
 #ifndef PLIANT_CUT_SWEEP_H
 #define PLIANT_CUT_SWEEP_H
 
@@ -6,16 +7,18 @@
 
 #include <math.h>
 
-/* On which side of a triangle a point lies; points nearer than slack are in front. normal: of any length */
+/* Return on which side of a triangle a point lies. Points within slack are in front.
+ * normal: of any length */
 PLIANT_INLINE bool pliant_in_front(const double normal[3], const double corner[3], const double point[3], double slack)
 {
     const double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     return normal[0] * (point[0] - corner[0]) + normal[1] * (point[1] - corner[1]) + normal[2] * (point[2] - corner[2]) > -slack * length;
 }
 
-/* Which way the edge from p to q runs around the origin. In single precision, so that products are exact in double precision. Where the
- * edge passes through the origin, this is moved a little along the first axis, and far less along the second: of triangles that share an edge
- * or a corner, then, exactly one holds the origin, if they surround it (Edelsbrunner and Muecke 1990, simulation of simplicity). */
+/* Return the direction in which the edge from p to q turns around the origin. The input is in single precision, so that
+ * the products are exact in double precision. If the edge passes through the origin, the origin is shifted
+ * infinitesimally along the first axis, and less along the second. Of the triangles that surround the origin, exactly
+ * one then contains it, also at a shared edge or corner (Edelsbrunner and Muecke 1990, simulation of simplicity). */
 PLIANT_INLINE bool pliant_turns_left(const float p[2], const float q[2])
 {
     const double turn = (double)p[0] * q[1] - (double)p[1] * q[0];
@@ -24,7 +27,7 @@ PLIANT_INLINE bool pliant_turns_left(const float p[2], const float q[2])
     return q[0] > p[0];
 }
 
-/* Seen along the way from a to b, which lies in the origin (Woop, Benthin and Wald 2013). */
+/* Project a point along the segment from a to b, which becomes the origin (Woop, Benthin and Wald 2013). */
 PLIANT_INLINE void pliant_see_along(const double a[3], const double b[3], const double point[3], float out[2])
 {
     const double way[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
@@ -36,7 +39,9 @@ PLIANT_INLINE void pliant_see_along(const double a[3], const double b[3], const 
     out[1] = (float)(point[y] - a[y] - along * way[y]);
 }
 
-/* corner, normal: of the triangle, (3 x 3) and of any length */
+/* Return whether the segment from a to b passes through a triangle.
+ * corner: (3 x 3) corners of the triangle
+ * normal: of any length */
 PLIANT_INLINE bool pliant_passes_through(const double a[3], const double b[3], const double corner[9], const double normal[3], double slack)
 {
     if (pliant_in_front(normal, corner, a, slack) == pliant_in_front(normal, corner, b, slack)) return false;

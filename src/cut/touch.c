@@ -1,4 +1,5 @@
-/* Tetrahedra whose links were severed, and what their voxels fall into. Nothing else is looked at: a cut elsewhere changes nothing. */
+/* Find the touched tetrahedra, which have a severed link, and the fragments into which their voxels fall. All other
+ * tetrahedra are skipped, so a cut has only local effects. */
 #include "topology/parts.h"
 #include "cut/work.h"
 
@@ -9,7 +10,7 @@
 
 static pliant_status no_memory(void) { return pliant_fail_memory("what a blade touches"); }
 
-/* ---- what is severed then */
+/* ---- severed links */
 
 static pliant_status merge_severed(cut_work *work)
 {
@@ -32,7 +33,7 @@ static pliant_status merge_severed(cut_work *work)
 
 /* ---- tetrahedra */
 
-/* What is touched is listed, and marked by a state above 0. Errors: MEMORY. */
+/* Append a tetrahedron to the touched ones and set its state above 0. Errors: MEMORY. */
 static pliant_status mark(cut_work *work, int32_t tet)
 {
     if (cut_state(work, tet) > 0) return PLIANT_OK;
@@ -48,7 +49,8 @@ static pliant_status mark(cut_work *work, int32_t tet)
     return PLIANT_OK;
 }
 
-/* chips are given away anew: who has one, and who gave it */
+/* Chips are assigned again. Mark the tetrahedron that owns a chip if the one that received it is touched, and vice
+ * versa. */
 static pliant_status mark_chips(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;
@@ -82,14 +84,14 @@ static pliant_status list_touched(cut_work *work)
     for (int32_t i = 0; i < work->num_touched; i++) {
         const int32_t t = work->touched[i];
         work->start[i + 1] = work->start[i] + voxels->start[t + 1] - voxels->start[t];
-        cut_sparse_set(&work->state, t, i + 1); /* its run is there */
+        cut_sparse_set(&work->state, t, i + 1); /* cannot fail, because the run is allocated */
     }
     return PLIANT_OK;
 }
 
-/* ---- tables around their voxels */
+/* ---- tables around the voxels of touched tetrahedra */
 
-/* around a voxel whose link is severed, as far as the box goes */
+/* Mark the voxels around a severed link as doubtful, within the box. */
 static void doubt(cut_work *work, int32_t i, int32_t j, int32_t k)
 {
     const int32_t *size = work->links.size;
@@ -117,7 +119,8 @@ static pliant_status make_tables(cut_work *work)
             if (i == 0 || at[d] > high[d]) high[d] = at[d];
         }
     }
-    for (int d = 0; d < 3; d++) { /* two around it: a link is kept by its lower end, a diagonal goes by a third voxel */
+    /* two more voxels: a link is stored at its lower end, and a diagonal passes through a third voxel */
+    for (int d = 0; d < 3; d++) {
         links->low[d] -= 2;
         links->size[d] = high[d] + 3 - links->low[d];
     }
@@ -134,7 +137,7 @@ static pliant_status make_tables(cut_work *work)
         work->place[(size_t)(at[0] - links->low[0]) + row * (size_t)(at[1] - links->low[1]) + slice * (size_t)(at[2] - links->low[2])] = i + 1;
     }
     const int32_t *size = voxels->geometry.size;
-    for (int32_t k = 0; k < links->size[2]; k++) { /* links of a slice follow one another */
+    for (int32_t k = 0; k < links->size[2]; k++) { /* the links of a slice are consecutive */
         const int64_t first = (int64_t)(links->low[2] + k) * size[0] * size[1] + (int64_t)links->low[1] * size[0] + links->low[0];
         const int64_t last = first + (int64_t)(links->size[1] - 1) * size[0] + links->size[0];
         if (last <= 0) continue;
@@ -153,7 +156,7 @@ static pliant_status make_tables(cut_work *work)
 
 /* ---- fragments */
 
-/* index of a voxel that a touched tetrahedron owns */
+/* Return the index of a voxel that a touched tetrahedron owns. */
 static int32_t index_of(const cut_work *work, int32_t voxel)
 {
     const int32_t tet = work->voxels->owner[voxel];
@@ -190,7 +193,7 @@ static void find_parts(cut_work *work)
     }
 }
 
-/* Of what a fine tetrahedron falls into, the largest part keeps its number. */
+/* Choose the largest fragment of each fine tetrahedron, which keeps the tetrahedron's number. */
 static void choose_who_stays(cut_work *work, int32_t first)
 {
     for (int32_t f = first; f < work->num_fragments; f++) {

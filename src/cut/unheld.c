@@ -1,5 +1,5 @@
-/* What links join but no node of the mesh: chips that were handed on may leave a few voxels between two fragments that have no node in common. A
- * mesh cannot hold these together, so their links are severed, too: mesh and voxels hang together alike. */
+/* Sever links that the mesh cannot represent. Assigned chips may leave a few links between two fragments that have no
+ * node in common. These links are severed, so that mesh and voxels have the same connectivity. */
 #include "topology/parts.h"
 #include "cut/work.h"
 
@@ -11,10 +11,10 @@
 
 typedef struct unheld {
     cut_work *work;
-    int32_t count, *pair;      /* (count x 2) ends of edges */
+    int32_t count, *pair;      /* (count x 2) ends of the edges */
     int32_t num_links, num_bridges, link_room;
-    uint32_t *link;            /* to be severed, too */
-    int32_t *bridge;           /* (bridges beside touched tetrahedra) likewise */
+    uint32_t *link;            /* links to sever in addition */
+    int32_t *bridge;           /* bridges of touched tetrahedra to sever in addition */
 } unheld;
 
 static pliant_status no_memory(void) { return pliant_fail_memory("what a blade leaves"); }
@@ -28,7 +28,7 @@ static bool have_node_in_common(const cut_work *work, int32_t a, int32_t b)
     return false;
 }
 
-/* Edges whose ends have no node in common: few, if any. */
+/* List the edges whose ends have no common node; there are few or none. */
 static pliant_status list_pairs(unheld *all)
 {
     const cut_work *work = all->work;
@@ -46,7 +46,7 @@ static pliant_status list_pairs(unheld *all)
 
 static int32_t joint_node(const cut_work *work, int32_t end) { return cut_corners(work, work->joint[end] / 4)[work->joint[end] % 4]; }
 
-/* Of these, those that hang together elsewhere, or by joints, are held. */
+/* Remove the edges whose ends are connected through other tetrahedra or joints. */
 static pliant_status leave_out_held(unheld *all)
 {
     const cut_work *work = all->work;
@@ -75,7 +75,7 @@ static bool is_unheld(const unheld *all, int32_t a, int32_t b)
     return false;
 }
 
-/* from a voxel at a place along an axis, if it is not severed yet */
+/* Sever the link from a voxel along an axis if it is intact. */
 static pliant_status sever_link(unheld *all, int32_t voxel, const int32_t at[3], int axis, int way)
 {
     const pliant_links *links = &all->work->links;
@@ -92,7 +92,7 @@ static pliant_status sever_link(unheld *all, int32_t voxel, const int32_t at[3],
     return PLIANT_OK;
 }
 
-/* Of a diagonal, the first link of either way. */
+/* Sever the links of a voxel. For a diagonal, the first link of both paths is severed. */
 static pliant_status sever_around(unheld *all, int32_t i)
 {
     const cut_work *work = all->work;
@@ -129,7 +129,7 @@ static pliant_status sever_bridges(unheld *all)
     return PLIANT_OK;
 }
 
-/* with those that the blade has severed; they have no area of its sweep */
+/* Append the additional links to the links that the blade severed; they have no area of the sweep. */
 static pliant_status add_all(const unheld *all)
 {
     cut_work *work = all->work;

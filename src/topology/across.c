@@ -1,5 +1,5 @@
-/* Who is across each face of the next body: across a face at load, or a fragment of that one. Only where corners changed is it looked for. And what
- * follows from it: the surface. */
+/* Find the tetrahedron on the other side of each face of the next body, among the fragments of the tetrahedron across
+ * the initial face. Only faces whose corners changed are recomputed. The surface follows from the result. */
 #include "topology/divide.h"
 #include "topology/parts.h"
 
@@ -10,7 +10,8 @@
 
 #include <string.h>
 
-/* fragments of a tetrahedron at load, ascending; tet: room for itself */
+/* List the fragments of an initial tetrahedron, ascending.
+ * tet: buffer for a tetrahedron that is not cut */
 static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const int32_t **out)
 {
     int32_t low = 0, high = cuts->num_tets;
@@ -34,7 +35,7 @@ static bool list_face(body_faces *other, int32_t face)
     return true;
 }
 
-/* false: no memory */
+/* Return false if memory is exhausted. */
 static bool set(const pliant_body *next, int32_t face, int32_t found, body_faces *other)
 {
     if (next->across[face] == found) return true;
@@ -103,7 +104,8 @@ static pliant_status list_outside(const pliant_body *body, const int32_t *across
     return PLIANT_OK;
 }
 
-/* Those before that may not be others, and of the others, in order, those that nobody is across. outside: those before */
+/* Merge the previous surface triangles on unchanged faces with the changed faces that have no neighbour, in order.
+ * outside: faces of the previous triangles */
 static void merge(const pliant_body *before, const int32_t *outside, const body_faces *other, pliant_body *next)
 {
     int32_t count = 0, from = 0;

@@ -1,4 +1,4 @@
-/* What is appended to a body that is being made: copies. */
+/* Append copies of elements to a body under construction. */
 #include "topology/divide.h"
 
 #include "base/fail.h"

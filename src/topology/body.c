@@ -11,7 +11,7 @@ struct pliant_body_holders {
     atomic_int count;
 };
 
-/* tables of the lattice, which never change: bodies that follow have those of the first */
+/* Clear the lattice tables before freeing a mesh. They never change, so later bodies share those of the first body. */
 static void forget_tables(pliant_mesh *mesh)
 {
     mesh->tet_of_lattice = mesh->node_of_lattice = mesh->leaf_of_cell = mesh->leaf_start = NULL;
@@ -77,10 +77,10 @@ void pliant_body_release(const pliant_body *body)
 
 bool pliant_body_may_be_cut(const pliant_body *body) { return body->voxels || body->subdivision; }
 
-/* an array, Nullable, to where a pointer to it is kept; false: no memory */
+/* copies an array (Nullable) and stores the new pointer at `to`; false: out of memory */
 typedef bool (*copying)(const void *from, size_t count, size_t size, void *to);
 
-/* *to: a copy of count elements; NULL stays NULL */
+/* Copy count elements to *to; NULL stays NULL. */
 static bool copy(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
@@ -89,7 +89,7 @@ static bool copy(const void *from, size_t count, size_t size, void *to)
     return made != NULL;
 }
 
-/* what a cut changes in a few places, which it tells: room.h */
+/* Copy an array of which a cut changes a few elements, with change tracking (room.h). */
 static bool follow(const void *from, size_t count, size_t size, void *to)
 {
     if (!from) return true;
@@ -98,10 +98,10 @@ static bool follow(const void *from, size_t count, size_t size, void *to)
     return made != NULL;
 }
 
-/* all but the tables of the lattice, which are lent */
+/* Copy a mesh except the lattice tables, which are shared. */
 static bool copy_mesh(const pliant_mesh *from, copying how, pliant_mesh *to)
 {
-    *to = *from; /* the sizes, and the tables */
+    *to = *from; /* sizes and shared tables */
     to->rest = NULL;
     to->tets = to->lattice_of_node = to->lattice_of_tet = NULL;
     to->place_of_node = NULL;

@@ -1,4 +1,5 @@
-/* What joins voxels that no links join, in a mesh that nothing has cut yet: pairs of voxels, built once. */
+/* Build bridges: pairs of voxels that connect parts of the mesh which no link connects. They are computed once, for the
+ * mesh without cuts. */
 #include "topology/links.h"
 #include "topology/parts.h"
 
@@ -13,7 +14,7 @@ typedef struct bridges {
     const double *spacing;
     int32_t count, room;
     int32_t *pair;             /* (count x 2) voxels */
-    int32_t *place;            /* (most voxels of one tetrahedron x 3) room */
+    int32_t *place;            /* (maximum number of voxels of a tetrahedron x 3) buffer */
 } bridges;
 
 static pliant_status add_bridge(bridges *work, const int32_t pair[2])
@@ -29,7 +30,8 @@ static pliant_status add_bridge(bridges *work, const int32_t pair[2])
     return PLIANT_OK;
 }
 
-/* The closest voxels of two tetrahedra, the first such pair; part NULL: all of them; else those of the first part, and of any other */
+/* Find the closest pair of voxels of two tetrahedra, the first one at a tie.
+ * part: NULL: all voxels; otherwise the first voxel is in part 0 and the second one in any other part */
 static void closest(const bridges *work, int32_t tet, int32_t other, const int32_t *part, int32_t pair[2])
 {
     const pliant_voxels *voxels = work->voxels;
@@ -53,14 +55,14 @@ static void closest(const bridges *work, int32_t tet, int32_t other, const int32
     }
 }
 
-/* ---- how many parts there are while nothing is severed and there are no bridges: by runs of voxels along i, which hang together */
+/* ---- count the parts of a tetrahedron without cuts and bridges, by runs of consecutive voxels along i */
 
 typedef struct run {
     int32_t first, last; /* voxels */
     int32_t i, j, k;     /* of the first */
 } run;
 
-/* rows behind one that a run may be joined to: steps along j and k, and along i as far as diagonals go */
+/* rows with lower indices to which a run may be joined: offsets in j and k, and the range of diagonals in i */
 static const int8_t rows_behind[4][3] = {{1, 0, 1}, {-1, 1, 0}, {0, 1, 1}, {1, 1, 0}};
 
 static int32_t list_runs(const pliant_voxels *voxels, int32_t tet, run *runs)
@@ -79,14 +81,15 @@ static int32_t list_runs(const pliant_voxels *voxels, int32_t tet, run *runs)
     return count;
 }
 
-/* Whether a run and one of a row behind are joined, by a link or a diagonal. to: the first run's place in that row */
+/* Return whether a run and a run of an adjacent row are joined by a link or a diagonal.
+ * to: the first run's position in that row */
 static bool runs_joined(const pliant_links *links, const run *one, const run *other, int32_t to, const int8_t row[3])
 {
     const bool straight = !row[0] || !row[1];
     const int32_t low = other->first > to ? other->first : to, high = other->last < to + one->last - one->first ? other->last : to + one->last - one->first;
     if (straight && low <= high) return true;
     int32_t at[3] = {0, one->j, one->k};
-    for (int32_t w = low; w <= high; w++) { /* across an edge, with the same i */
+    for (int32_t w = low; w <= high; w++) { /* across an edge, at the same i */
         at[0] = one->i + w - to;
         if (pliant_joined(links, one->first + w - to, at, (const int8_t[3]){0, row[0], row[1]})) return true;
     }
@@ -96,7 +99,7 @@ static bool runs_joined(const pliant_links *links, const run *one, const run *ot
     return pliant_joined(links, after ? one->last : one->first, at, (const int8_t[3]){after ? 1 : -1, row[0], row[1]});
 }
 
-/* runs, part: (voxels of the tetrahedron) room */
+/* runs, part: buffers, one entry per voxel of the tetrahedron */
 static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *runs, int32_t *part)
 {
     const pliant_links links = {.voxels = voxels};
@@ -120,7 +123,7 @@ static int32_t count_parts_of(const pliant_voxels *voxels, int32_t tet, run *run
     return parts;
 }
 
-/* runs, part: (threads x most voxels of a tetrahedron) room */
+/* runs, part: buffers (threads x maximum number of voxels of a tetrahedron) */
 static void count_parts(const pliant_voxels *voxels, int threads, size_t most, run *runs, int32_t *part, int32_t *parts)
 {
 #pragma omp parallel for schedule(dynamic, 64) num_threads(threads)
@@ -132,7 +135,9 @@ static void count_parts(const pliant_voxels *voxels, int threads, size_t most, r
 
 /* ---- bridges */
 
-/* A spanning tree of the parts of every tetrahedron, from its first one (Prim). part: (most voxels of one) room; parts: of count_parts */
+/* Connect the parts of each tetrahedron by a minimum spanning tree (Prim).
+ * part: buffer (maximum number of voxels of a tetrahedron)
+ * parts: result of count_parts */
 static pliant_status bridge_within(bridges *work, const int32_t *parts, int32_t *part)
 {
     pliant_voxels *voxels = work->voxels;
@@ -148,7 +153,7 @@ static pliant_status bridge_within(bridges *work, const int32_t *parts, int32_t 
                 if (part[i] == joined) part[i] = 0;
             status = add_bridge(work, pair);
         }
-        voxels->bridge_start[tet + 1] = work->count; /* those of this one are not there yet when it is asked for its fragments */
+        voxels->bridge_start[tet + 1] = work->count; /* its own bridges are not visible while its parts are computed */
     }
     return status;
 }
@@ -160,7 +165,8 @@ static int face_to(const pliant_voxels *voxels, int32_t tet, int32_t other)
     return -1;
 }
 
-/* Faces that a link or a diagonal goes through. linked: (num_tets x 4), zeroed */
+/* Mark the faces that a link or a diagonal crosses.
+ * linked: (num_tets x 4), zeroed by the caller */
 static void find_linked(const pliant_voxels *voxels, int threads, uint8_t *linked)
 {
     const pliant_links links = {.voxels = voxels};
@@ -191,7 +197,8 @@ static void find_linked(const pliant_voxels *voxels, int threads, uint8_t *linke
         }
 }
 
-/* One for every inner face whose two tetrahedra no link joins. linked: (num_tets x 4), zeroed */
+/* Add a bridge for every inner face whose two tetrahedra are not linked.
+ * linked: (num_tets x 4), zeroed by the caller */
 static pliant_status bridge_faces(bridges *work, int threads, uint8_t *linked)
 {
     const pliant_voxels *voxels = work->voxels;
@@ -207,7 +214,8 @@ static pliant_status bridge_faces(bridges *work, int threads, uint8_t *linked)
     return status;
 }
 
-/* Corners around a node, joined by faces with that node. part: (corners around it) */
+/* Group the corners around a node that faces with this node connect.
+ * part: (corners around the node) */
 static void fan_of(const pliant_mesh *fine, const pliant_voxels *voxels, int32_t node, int32_t *part)
 {
     const int32_t *corner = voxels->around + voxels->around_start[node];
@@ -222,7 +230,8 @@ static void fan_of(const pliant_mesh *fine, const pliant_voxels *voxels, int32_t
         }
 }
 
-/* the voxel of a tetrahedron that is nearest to a point, if it is nearer than another; index: in voxels */
+/* Replace *voxel by the tetrahedron's voxel nearest to a point, if it is nearer than *least.
+ * index: point in voxel indices */
 static void nearer(const bridges *work, int32_t tet, const double index[3], double *least, int32_t *voxel)
 {
     const pliant_voxels *voxels = work->voxels;
@@ -237,7 +246,8 @@ static void nearer(const bridges *work, int32_t tet, const double index[3], doub
     }
 }
 
-/* Where tetrahedra meet at a node or an edge only: their voxels that are nearest to the node, the first fan's with every other one's. */
+/* Add bridges where tetrahedra meet only at a node or an edge. They connect the voxels nearest to the node, those of
+ * the first fan with those of every other fan. */
 static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32_t *part)
 {
     const pliant_voxels *voxels = work->voxels;
@@ -252,7 +262,7 @@ static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32
         if (fans < 2) continue;
         pliant_geometry_to_index(&voxels->geometry, fine->rest + 3 * node, index);
         for (int32_t i = 0; i < count && status == PLIANT_OK; i++) {
-            if (part[i] != i) continue; /* not the first of a fan */
+            if (part[i] != i) continue; /* not the first corner of a fan */
             double least = 0;
             int32_t voxel = -1;
             for (int32_t j = i; j < count; j++)
@@ -264,7 +274,7 @@ static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32
     return status;
 }
 
-/* Of every tetrahedron, those to others: twice through the list, to count and to write. */
+/* List the bridges of each tetrahedron to other tetrahedra, in two passes: count and fill. */
 static pliant_status list_beside(pliant_voxels *voxels)
 {
     const int32_t first = voxels->bridge_start[voxels->num_tets], ends = 2 * (voxels->num_bridges - first);

@@ -1,4 +1,4 @@
-/* Two bodies side by side: whether they differ, and what became of each part. */
+/* Compare two bodies, and map the elements of one to the other. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "pliant/body.h"
@@ -42,7 +42,8 @@ static bool same_cuts(const pliant_voxels *voxels, const pliant_cuts *a, const p
 bool pliant_body_same(const pliant_body *a, const pliant_body *b)
 {
     if (a == b) return true;
-    if (a->voxels != b->voxels || !same_cuts(a->voxels, a->cuts, b->cuts)) return false; /* first what differs from cut to cut */
+    /* cuts differ most often, so they are compared first */
+    if (a->voxels != b->voxels || !same_cuts(a->voxels, a->cuts, b->cuts)) return false;
     if (!same_mesh(&a->fine, &b->fine) || !same_mesh(&a->coarse, &b->coarse) || a->num_triangles != b->num_triangles) return false;
     size_t nodes = (size_t)a->fine.num_nodes, tets = (size_t)a->fine.num_tets;
     size_t coarse_nodes = (size_t)a->coarse.num_nodes, coarse_tets = (size_t)a->coarse.num_tets;
@@ -55,11 +56,13 @@ bool pliant_body_same(const pliant_body *a, const pliant_body *b)
            equal(a->coarse_fixed, b->coarse_fixed, coarse_nodes, sizeof *a->coarse_fixed);
 }
 
-/* the number at load; NULL parents: each its own */
+/* Return the number in the initial mesh. NULL parents: the index itself. */
 static int32_t parent_of(const int32_t *parent, int32_t index) { return parent ? parent[index] : index; }
 
-/* Numbers stay, of the next body all that there were. What was appended since takes after its source where `to` is the next of `from`, else after what it was at load.
- * rest_before, rest: of nodes, whose number stays only with the place; else NULL */
+/* Map elements of `from` to elements of `to`. Numbers stay, and all elements of `from` exist in its next body. An
+ * appended element corresponds to its source if `to` is the next body of `from`, otherwise to its element of the
+ * initial mesh.
+ * rest_before, rest: for nodes, whose number is kept only if the rest position is equal; otherwise NULL */
 static pliant_status list_sources(int32_t count, int32_t before, const int32_t *from_parent, const int32_t *to_parent, const int32_t *source,
                                   const double *rest_before, const double *rest, bool next, int32_t **out)
 {
@@ -76,7 +79,7 @@ static pliant_status list_sources(int32_t count, int32_t before, const int32_t *
     return PLIANT_OK;
 }
 
-/* nodes on edges that were not there before */
+/* List the nodes on edges that `from` does not have. */
 static pliant_status list_between(const pliant_body *from, const pliant_body *to, pliant_body_map *map)
 {
     const int32_t load = to->subdivision->load_nodes;

@@ -1,5 +1,5 @@
-/* What has been severed, and the fragments that it leaves: a body's own copy, but for which voxels move with which, of which most stays the same
- * from body to body. */
+/* Severed links and the resulting fragments. Each body has its own copy, except of the fragment of each voxel, which
+ * bodies share because most of it stays equal. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "topology/links.h"
@@ -8,10 +8,10 @@
 #include <stdatomic.h>
 #include <string.h>
 
-/* A new pool has more room than it is asked for: an eighth of it, and so many voxels. */
+/* A new pool is larger than requested, by an eighth and this number of voxels. */
 enum { SPARE_VOXELS = 1 << 17 };
 
-/* Who asks for room gets some that nobody had: bodies may be cut by several threads, and more than once. */
+/* A request returns unused capacity, because several threads may cut a body, and more than once. */
 struct pliant_cuts_pool {
     atomic_int holders;
     atomic_size_t used;
@@ -34,7 +34,7 @@ static void hold(struct pliant_cuts_pool *pool, pliant_cuts *cuts)
     cuts->voxel_fragment = pool->voxel;
 }
 
-/* false: a full pool, which stays so */
+/* Return false if the pool is full; it then stays full. */
 static bool take(struct pliant_cuts_pool *pool, size_t more, int32_t *first)
 {
     size_t used = atomic_load(&pool->used);

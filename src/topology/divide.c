@@ -1,4 +1,4 @@
-/* The next body, of what a cut makes of the fine mesh. */
+/* Build the next body from the result of a cut of the fine mesh. */
 #include "topology/divide.h"
 #include "topology/links.h"
 #include "topology/parts.h"
@@ -27,7 +27,7 @@ static int32_t source_of_tet(const pliant_body *body, const pliant_division *div
     return tet < body->fine.num_tets ? tet : division->tet_source[tet - body->fine.num_tets];
 }
 
-/* how many tetrahedra a division lists, and which each is */
+/* Return the number of tetrahedra that a division lists. */
 static int32_t count_rows(const pliant_body *body, const pliant_division *division)
 {
     return division->changed ? division->num_changed + division->num_tets - body->fine.num_tets : division->num_tets;
@@ -39,7 +39,7 @@ static int32_t tet_of_row(const pliant_body *body, const pliant_division *divisi
     return row < division->num_changed ? division->changed[row] : body->fine.num_tets + row - division->num_changed;
 }
 
-/* how many nodes there are afterwards; 0: something is wrong, and said */
+/* Return the number of nodes of the next body; 0 after an error. */
 static int32_t count_nodes(const pliant_body *body, const pliant_division *division)
 {
     int32_t tets = body->fine.num_tets, nodes = body->fine.num_nodes;
@@ -68,7 +68,7 @@ static int32_t count_nodes(const pliant_body *body, const pliant_division *divis
     return nodes;
 }
 
-/* of nodes on edges, the nearer end */
+/* Find the nearer end of the edge of each appended node. */
 static pliant_status find_nearest(const pliant_body *body, const pliant_division *division, int32_t nodes, int32_t *source)
 {
     for (int32_t v = 0; v < 4 * division->num_tets; v++) source[division->corners[v]] = division->corners[v];
@@ -82,7 +82,9 @@ static pliant_status find_nearest(const pliant_body *body, const pliant_division
     return PLIANT_OK;
 }
 
-/* source: (nodes afterwards) zeroed room. Every corner's node is the one that was there or a copy of it; none is left out. */
+/* Find the source node of each node. The node of every corner is the previous node or a copy of it, and every node has
+ * a corner.
+ * source: output, (nodes of the next body) */
 static pliant_status find_sources(const pliant_body *body, const pliant_division *division, int32_t nodes, int32_t *source)
 {
     memset(source, 0xff, (size_t)nodes * sizeof *source);
@@ -94,7 +96,8 @@ static pliant_status find_sources(const pliant_body *body, const pliant_division
                                node < body->fine.num_nodes ? node : source[node]);
         source[node] = was;
     }
-    for (int32_t n = division->changed ? body->fine.num_nodes : 0; n < nodes; n++) /* what is not listed keeps its nodes */
+    /* tetrahedra that are not listed keep their nodes */
+    for (int32_t n = division->changed ? body->fine.num_nodes : 0; n < nodes; n++)
         if (source[n] < 0) return pliant_fail(PLIANT_ERROR_ARGUMENT, "node %d of a division has no corner", n);
     return PLIANT_OK;
 }
@@ -122,7 +125,8 @@ static bool differs(const pliant_body *body, const pliant_body *next, int32_t te
            memcmp(body->fine_material + tet, next->fine_material + tet, sizeof *body->fine_material) != 0;
 }
 
-/* Tetrahedra of the body before that have other corners or another material, or other voxels. all: any may; else those that the division lists */
+/* List the tetrahedra of the previous body that have other corners, another material or other voxels.
+ * all: consider every tetrahedron; false: only those that the division lists */
 static pliant_status list_touched(const pliant_body *body, const pliant_division *division, bool all, pliant_body *next)
 {
     const int32_t tets = body->fine.num_tets, most = division->num_touched + (all ? tets : division->num_changed);
@@ -143,7 +147,7 @@ static pliant_status list_touched(const pliant_body *body, const pliant_division
     return PLIANT_OK;
 }
 
-/* ---- masses at the nodes of what changed, anew; each the sum in the same order as if all were */
+/* ---- recompute the masses of nodes of changed tetrahedra; the order of each sum is the same as for the whole body */
 
 static double share_of_mass(const pliant_body *body, int32_t tet)
 {
@@ -151,7 +155,7 @@ static double share_of_mass(const pliant_body *body, int32_t tet)
     return 0.25 * pliant_mesh_gradients(&body->fine, tet, gradients) * body->fine_material[tet].density;
 }
 
-/* (list) nodes of what is touched, before and after, ascending; returns how many, -1: no memory */
+/* List the nodes of touched tetrahedra before and after the cut, ascending. Return their number; -1: out of memory. */
 static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int32_t **list)
 {
     const pliant_body_changes *changes = &next->changes;
@@ -167,7 +171,8 @@ static int32_t list_nodes(const pliant_body *body, const pliant_body *next, int3
     return nodes ? sort_once(nodes, count) : -1;
 }
 
-/* Of a node of fragments of voxels: the tetrahedra at load around it tell which of their fragments have it. */
+/* Recompute the mass of a node from the fragments of voxels around it. The initial tetrahedra around the node give the
+ * candidates. */
 static pliant_status renew_mass(const pliant_body *next, const pliant_cuts *cuts, int32_t node, int32_t **room, int32_t *most)
 {
     const pliant_voxels *voxels = next->voxels;
@@ -217,7 +222,7 @@ static pliant_status renew_masses(const pliant_body *body, const pliant_cuts *cu
     return status;
 }
 
-/* appended nodes to where they lie on their edges */
+/* Set the rest positions of appended nodes on their edges. */
 static void place_nodes(const pliant_division *division, int32_t before, pliant_body *next)
 {
     double *rest = next->fine.rest;
@@ -247,7 +252,7 @@ static pliant_status divide(const pliant_body *body, const pliant_division *divi
     }
     body_faces other = {false, 0, 0, NULL};
     const bool pieces = body->pieces || !division->same_pieces;
-    bool copies = false; /* some may have got nodes of their own */
+    bool copies = false; /* whether detached pieces may have received copies of nodes */
     status = list_touched(body, division, !division->changed, next);
     if (status == PLIANT_OK) status = pliant_body_find_across(body, division->cuts, next, &other);
     if (status == PLIANT_OK && pieces) status = pliant_body_find_pieces(next, division, &copies);

@@ -1,4 +1,4 @@
-/* Whether neighbouring voxels are joined: over links that are not severed, through voxels that a tetrahedron owns. */
+/* Connectivity of adjacent voxels through links that are not severed and voxels that tetrahedra own. */
 #ifndef PLIANT_BODY_LINKS_H
 #define PLIANT_BODY_LINKS_H
 
@@ -10,15 +10,15 @@
 extern "C" {
 #endif
 
-/* What is severed, to be asked many times: of the voxels in a box from a table, of others by search. */
+/* Severed links, for many queries: a table for the voxels in a box, a binary search for all others. */
 typedef struct pliant_links {
     const pliant_voxels *voxels;
     const pliant_cuts *cuts;   /* Nullable */
-    int32_t low[3], size[3];   /* the box; size 0: none */
-    uint8_t *severed;          /* (size[0] x size[1] x size[2]) bit d: the link to the next voxel along axis d */
+    int32_t low[3], size[3];   /* box of the table; size 0: none */
+    uint8_t *severed;          /* (size[0] x size[1] x size[2]) bit d: link to the next voxel along axis d is severed */
 } pliant_links;
 
-/* half of the eighteen neighbours of a voxel: those behind it in memory */
+/* half of the 18 neighbours of a voxel: those with a higher index */
 static const int8_t pliant_behind[9][3] = {{1, 0, 0}, {-1, 1, 0}, {0, 1, 0}, {1, 1, 0}, {0, -1, 1}, {-1, 0, 1}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
 
 static inline void pliant_place_of(const pliant_voxels *voxels, int32_t voxel, int32_t at[3])
@@ -29,7 +29,9 @@ static inline void pliant_place_of(const pliant_voxels *voxels, int32_t voxel, i
     at[2] = voxel / size[0] / size[1];
 }
 
-/* The same of one after the other in ascending order, most of them beside the one before. last: that one, -2 at first, and at its place */
+/* Compute the indices of a voxel in ascending sequences, in which most voxels are adjacent to the previous one.
+ * last: input and output; previous voxel, initially -2
+ * at: input and output; its indices */
 static inline void pliant_place_after(const pliant_voxels *voxels, int32_t voxel, int32_t *last, int32_t at[3])
 {
     if (voxel == *last + 1 && at[0] + 1 < voxels->geometry.size[0]) at[0]++;
@@ -43,7 +45,7 @@ static inline int32_t pliant_stride_of(const pliant_voxels *voxels, int axis)
     return axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1];
 }
 
-/* the voxel a step away from one at a place; -1: beyond the scan */
+/* Return the voxel at an offset; -1: outside the scan. */
 static inline int32_t pliant_step_to(const pliant_voxels *voxels, int32_t voxel, const int32_t at[3], const int8_t step[3])
 {
     const int32_t *size = voxels->geometry.size;
@@ -52,7 +54,7 @@ static inline int32_t pliant_step_to(const pliant_voxels *voxels, int32_t voxel,
     return voxel + step[0] + size[0] * (step[1] + size[1] * step[2]);
 }
 
-/* the first of sorted numbers that is not below one */
+/* Return the index of the first of sorted numbers that is not below `number`. */
 static inline int32_t pliant_lower(const uint32_t *sorted, int32_t count, uint32_t number)
 {
     int32_t low = 0, high = count;
@@ -75,7 +77,7 @@ static inline bool pliant_bridge_severed(const pliant_cuts *cuts, int32_t bridge
     return cuts && low < cuts->num_bridges && cuts->bridge[low] == bridge;
 }
 
-/* whether two fine tetrahedra, one of them cut, are joined */
+/* Return whether two fine tetrahedra, one of them cut, are joined. */
 static inline bool pliant_cuts_join(const pliant_cuts *cuts, int32_t a, int32_t b)
 {
     const int32_t low = a < b ? a : b, high = a < b ? b : a;
@@ -88,7 +90,7 @@ static inline bool pliant_cuts_join(const pliant_cuts *cuts, int32_t a, int32_t 
     return from < cuts->num_joins && cuts->join[2 * from] == low && cuts->join[2 * from + 1] == high;
 }
 
-/* of a voxel at a place to the next one along an axis */
+/* Return whether the link from a voxel to the next one along an axis is severed. */
 static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis)
 {
     if (links->severed) {
@@ -102,7 +104,7 @@ static inline bool pliant_link_severed(const pliant_links *links, int32_t voxel,
     return found < links->cuts->num_links && links->cuts->link[found] == link;
 }
 
-/* one along an axis, forward or back; both voxels are there */
+/* Return whether the link in a direction along an axis is intact; both voxels must exist. */
 static inline bool pliant_linked(const pliant_links *links, int32_t voxel, const int32_t at[3], int axis, int way)
 {
     if (way > 0) return !pliant_link_severed(links, voxel, at, axis);
@@ -111,7 +113,7 @@ static inline bool pliant_linked(const pliant_links *links, int32_t voxel, const
     return !pliant_link_severed(links, voxel - pliant_stride_of(links->voxels, axis), lower, axis);
 }
 
-/* a voxel at a place and the one a step away, one of the eighteen */
+/* Return whether a voxel is joined with one of its 18 neighbours. */
 static inline bool pliant_joined(const pliant_links *links, int32_t voxel, const int32_t at[3], const int8_t step[3])
 {
     int axis[3] = {0}, count = 0;
@@ -130,7 +132,7 @@ static inline bool pliant_joined(const pliant_links *links, int32_t voxel, const
     return false;
 }
 
-/* place of a voxel in the list of its tetrahedron */
+/* Return the index of a voxel in the list of its tetrahedron. */
 static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, int32_t voxel)
 {
     int32_t low = voxels->start[tet], high = voxels->start[tet + 1] - 1;
@@ -144,8 +146,9 @@ static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, 
 
 /* ---- cuts.c */
 
-/* Room for `more` voxels of cuts to come after `cuts`, Nullable: in the pool of these, where next->voxel_fragment stays the same, or in a new one,
- * for `kept` others as well. @param first out: where it begins */
+/* Reserve capacity for the fragments of `more` voxels after those of `cuts` (Nullable). The pool of `cuts` is used if
+ * next->voxel_fragment stays the same, otherwise a new one with capacity for `kept` further voxels.
+ * first: output; index of the reserved range */
 pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first);
 
 /* ---- bridges.c */

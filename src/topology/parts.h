@@ -1,4 +1,4 @@
-/* Parts of a set, by union and find; the root of a part is its first element. Numbers in order. */
+/* Union-find; the root of a part is its first element. Also searches and sorts numbers. */
 #ifndef PLIANT_BODY_PARTS_H
 #define PLIANT_BODY_PARTS_H
 
@@ -17,7 +17,7 @@ static inline void join(int32_t *part, int32_t i, int32_t j)
     part[a > b ? a : b] = a > b ? b : a;
 }
 
-/* where a number is among ascending ones; -1: nowhere */
+/* Return the index of a number in an ascending list; -1: not found. */
 static inline int32_t place_of(const int32_t *sorted, int32_t count, int32_t number)
 {
     int32_t low = 0, high = count;
@@ -35,7 +35,7 @@ static inline int by_number(const void *a, const void *b)
     return *i < *j ? -1 : *i > *j;
 }
 
-/* in order, each once; returns how many */
+/* Sort and remove duplicates; return the remaining count. */
 static inline int32_t sort_once(int32_t *number, int32_t count)
 {
     int32_t kept = 0;

@@ -1,4 +1,4 @@
-/* What comes off: pieces of the next body that nothing fixed holds. */
+/* Find the detached pieces of the next body, which nothing fixed holds. */
 #include "topology/divide.h"
 #include "topology/parts.h"
 
@@ -12,11 +12,13 @@
 
 typedef struct search {
     pliant_body *next;
-    int32_t num_joints, *joint;    /* (num_joints x 2) of pieces of the body before, by corners (4 tetrahedron + corner) of next */
-    uint8_t *fixed, *loose;        /* (nodes) without what came off before, (tetrahedra) */
-    uint8_t *in_loose, *in_firm;   /* (nodes) whether such a tetrahedron has it */
-    int32_t *copy;                 /* (nodes) of those that a piece hangs on, for the piece; -1 */
-    int32_t num_hinges, *hinge;    /* (nodes) those */
+    /* (num_joints x 2) joints of the previous body's pieces, as corners (4 tetrahedron + corner) of next */
+    int32_t num_joints, *joint;
+    /* (nodes) fixing without earlier pieces; (tetrahedra) whether it belongs to a piece */
+    uint8_t *fixed, *loose;
+    uint8_t *in_loose, *in_firm;   /* (nodes) whether a loose, and a held tetrahedron has the node */
+    int32_t *copy;                 /* (nodes) copy for the piece of a node that it shares with other tissue; -1: none */
+    int32_t num_hinges, *hinge;    /* shared nodes */
 } search;
 
 void pliant_pieces_free(pliant_pieces *pieces)
@@ -57,7 +59,7 @@ pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **ou
     return PLIANT_OK;
 }
 
-/* Joints of the body before, as a division says that they are left, or all. */
+/* Take the previous body's joints: those that the division leaves, or all. */
 static pliant_status take_joints(search *work, const pliant_division *division)
 {
     const pliant_pieces *before = work->next->pieces;
@@ -73,7 +75,7 @@ static pliant_status take_joints(search *work, const pliant_division *division)
 
 static int32_t node_of(const search *work, int32_t joint, int end) { return work->next->fine.tets[work->joint[2 * joint + end]]; }
 
-/* What came off before is found again, with what has come off it since. */
+/* Release earlier pieces, so that they are found again together with parts that have detached from them. */
 static void forget_before(const search *work)
 {
     const pliant_body *next = work->next;
@@ -89,7 +91,7 @@ static void mark_nodes(const search *work)
     for (int32_t v = 0; v < 4 * fine->num_tets; v++) (work->loose[v / 4] ? work->in_loose : work->in_firm)[fine->tets[v]] = 1;
 }
 
-/* Tissue that stays keeps the nodes that a piece hangs on; the piece gets copies of its own. */
+/* Copy the nodes between a piece and other tissue. The other tissue keeps the nodes; the piece gets the copies. */
 static pliant_status part_hinges(search *work)
 {
     pliant_mesh *fine = &work->next->fine;
@@ -109,13 +111,14 @@ static pliant_status part_hinges(search *work)
     return status;
 }
 
-/* Whether a node of a piece moves with it alone: explicit dynamics has no copies. */
+/* Return whether a node moves with its piece alone. In explicit dynamics nodes are not copied, so it may not. */
 static bool is_own(const search *work, int32_t node)
 {
     return !work->next->has_inertia || (!work->in_firm[node] && work->fixed[node] != PLIANT_FIXED_AT_REST);
 }
 
-/* Pieces by their nodes, those that touch or hang on one another together: part, (nodes) by union and find, -1 elsewhere */
+/* Group the nodes of pieces; pieces that touch each other form one group.
+ * part: (nodes) root of the group; -1: not in a piece */
 static void join_nodes(const search *work, int32_t *part)
 {
     const pliant_mesh *fine = &work->next->fine;
@@ -136,7 +139,7 @@ static void join_nodes(const search *work, int32_t *part)
         if (part[n] >= 0) part[n] = first_of(part, n);
 }
 
-/* joints of before between pieces and what stays, or within pieces; returns how many */
+/* List the previous joints between pieces and other tissue, or within pieces. Return their number. */
 static int32_t list_old(const search *work, const int32_t *part, bool within, int32_t *joint)
 {
     int32_t count = 0;
@@ -170,7 +173,7 @@ static void list_joints(const search *work, const int32_t *part, pliant_pieces *
     pieces->num_inner = pliant_pairs_sort(joint, list_old(work, part, true, joint));
 }
 
-/* part: as join_nodes has left it; afterwards the number of the piece */
+/* part: input: as from join_nodes; output: number of the piece */
 static pliant_status list_pieces(const search *work, int32_t *part)
 {
     pliant_body *next = work->next;
@@ -198,8 +201,9 @@ static pliant_status list_pieces(const search *work, int32_t *part)
     return PLIANT_OK;
 }
 
-/* The nodes of pieces are fixed for the solve. Where nothing else moves, one of them is left to it, since it needs an unknown: the one with
- * the least mass, which no tool is likely to hold; where it is follows from its piece. */
+/* Fix the nodes of pieces for the solver. A solver needs at least one unknown, so if nothing else moves, one node stays
+ * free. It is the node with the minimum mass, because a tool is unlikely to hold it; its position follows from its
+ * piece. */
 static void fix_nodes(pliant_body *next, const int32_t *part)
 {
     const int32_t nodes = next->fine.num_nodes;
@@ -213,7 +217,8 @@ static void fix_nodes(pliant_body *next, const int32_t *part)
     if (!moves && lightest >= 0) next->fine_fixed[lightest] = PLIANT_MOVES;
 }
 
-/* Whether pieces are in the nodes that they were in before: a cut leaves in one what it touches, and that has none of their nodes. of: as take_before says */
+/* Return whether the pieces keep their nodes. The cut may not touch any of their nodes.
+ * of: as from take_before */
 static bool stay(const search *work, const pliant_division *division, const int32_t *of)
 {
     const pliant_body *next = work->next;
@@ -229,7 +234,8 @@ static bool stay(const search *work, const pliant_division *division, const int3
     return division->same_pieces;
 }
 
-/* Those of before, which share no node with anything else: of (nodes) the first node of each node's piece, -1 elsewhere */
+/* Find the piece of each node from the previous pieces, which share no node with other tissue.
+ * of: output, (nodes) first node of the node's piece; -1: none */
 static void take_before(const pliant_body *next, int32_t *of)
 {
     const pliant_pieces *pieces = next->pieces;
@@ -238,7 +244,8 @@ static void take_before(const pliant_body *next, int32_t *of)
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) of[pieces->node[i]] = pieces->node[pieces->start[p]];
 }
 
-/* What hangs where, after a cut that has come near no piece. *done: false where it has, or may have, and nothing is done */
+/* Update the pieces after a cut that has touched none of them.
+ * done: output; false if the cut may have touched a piece, and then nothing has changed */
 static pliant_status find_again(search *work, const pliant_division *division, bool *done)
 {
     pliant_body *next = work->next;

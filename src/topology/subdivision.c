@@ -1,4 +1,4 @@
-/* What a body keeps whose tetrahedra cuts subdivide. */
+/* Data of a body whose tetrahedra are subdivided by cuts. */
 #include "topology/divide.h"
 
 #include "base/fail.h"

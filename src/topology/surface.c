@@ -1,4 +1,4 @@
-/* The surface of a body that is cut, from that of another one. */
+/* Compute the surface of a cut body, reusing the surface of an earlier body. */
 #include "topology/surface.h"
 
 #include "base/fail.h"
@@ -8,23 +8,25 @@
 #include <math.h>
 #include <string.h>
 
-/* Edges are parted so that no part has fewer voxels. */
+/* minimum number of voxels per part of an edge; limits the refinement */
 static const double voxels_of_part = 4;
 
-/* What the surfaces of one load take over from each other. */
+/* Data that the surfaces of one loaded mesh reuse. */
 struct pliant_surface_kept {
-    int32_t num_outside, *outside; /* faces of the mesh at load that nothing is behind: 4 tetrahedron + opposite corner */
+    int32_t num_outside, *outside; /* faces of the initial mesh without neighbour: 4 tetrahedron + opposite corner */
     int32_t num_blocks;
     surface_block **block;         /* by host */
 };
 
 typedef struct surface_work {
     const pliant_body *body;
-    const pliant_surface *before;  /* Nullable: nothing can be taken over */
-    int32_t *cut_of;               /* (tetrahedra at load) */
-    uint8_t *near_other, *near_split; /* (nodes at load) of a tetrahedron that differs from before; that is split, or of which there are copies */
-    surface_block **block;         /* (tetrahedra at load) */
-    uint8_t *is_new;               /* (tetrahedra at load) that block is made here */
+    const pliant_surface *before;  /* Nullable; surface to reuse */
+    int32_t *cut_of;               /* (initial tetrahedra) index in the cuts; -1: not cut */
+    /* (initial nodes) whether a tetrahedron of the node differs from before; whether one is split or has copied
+     * nodes */
+    uint8_t *near_other, *near_split;
+    surface_block **block;         /* (initial tetrahedra) */
+    uint8_t *is_new;               /* (initial tetrahedra) whether the block is new */
     surface_maker maker;
 } surface_work;
 
@@ -64,7 +66,8 @@ static bool has_marked(const surface_work *work, int32_t host, const uint8_t *of
     return of_node[corner[0]] | of_node[corner[1]] | of_node[corner[2]] | of_node[corner[3]];
 }
 
-/* whether a host has other fragments, voxels in them, or nodes. o, n: its place in the cuts before and now, -1: in none */
+/* Return whether a host has other fragments, voxels of fragments, or nodes.
+ * o, n: index in the previous and the current cuts; -1: not cut */
 static bool differs(const pliant_body *old, const pliant_body *now, int32_t host, int32_t o, int32_t n)
 {
     if (o < 0 || n < 0) return true;
@@ -78,7 +81,7 @@ static bool differs(const pliant_body *old, const pliant_body *now, int32_t host
     return carriers != new_carriers && memcmp(carriers, new_carriers, voxels * sizeof *carriers) != 0;
 }
 
-/* Tetrahedra that are in no cuts differ by copies of their nodes at most. */
+/* Mark tetrahedra without cuts that have copied nodes. */
 static void mark_by_copies(const surface_work *work, const pliant_body *with)
 {
     const pliant_voxels *voxels = work->body->voxels;
@@ -92,7 +95,7 @@ static void mark_by_copies(const surface_work *work, const pliant_body *with)
     }
 }
 
-/* Nodes of what differs from before. */
+/* Mark the nodes of tetrahedra that differ from before. */
 static void mark_others(const surface_work *work)
 {
     const pliant_body *old = work->before->body, *now = work->body;
@@ -124,7 +127,7 @@ static pliant_status add_block(surface_work *work, int32_t host)
     return PLIANT_OK;
 }
 
-/* Of all that have a node of one that is split, or one of which there are copies: taken over, or made. */
+/* Reuse or create the blocks of all hosts with a node of a split host or a copied node. */
 static pliant_status find_blocks(surface_work *work, int32_t *count)
 {
     const pliant_voxels *voxels = work->body->voxels;
@@ -156,7 +159,7 @@ static pliant_status fill_blocks(surface_work *work)
     return status;
 }
 
-/* ---- all together */
+/* ---- assemble */
 
 static pliant_status find_outside(const surface_work *work, struct pliant_surface_kept *out)
 {
@@ -171,7 +174,7 @@ static pliant_status find_outside(const surface_work *work, struct pliant_surfac
     return PLIANT_OK;
 }
 
-/* A vertex of a block in the whole surface: a node, or one with a number of its own; -1: no memory */
+/* Return the number of a block's vertex in the whole surface: a node or an additional vertex; -1: out of memory. */
 static int32_t number_of(surface_map *all, const surface_vertex *vertex, uint8_t *is_lattice, pliant_surface *surface)
 {
     if (vertex->key.weight[1] == 0) return vertex->key.node[0];
@@ -200,7 +203,8 @@ static bool add_triangles(surface_map *all, const surface_block *block, bool cut
     return true;
 }
 
-/* Faces outside that no block has, blocks' in the order of their hosts, then the faces of cuts. */
+/* Collect the outer faces without a block, then the outer triangles of the blocks in the order of their hosts, then the
+ * faces of cuts. */
 static pliant_status gather(const surface_work *work, pliant_surface *surface)
 {
     const struct pliant_surface_kept *kept = surface->kept;
@@ -278,7 +282,7 @@ static void free_work(surface_work *work)
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
-/* that of the mesh */
+/* Copy the triangles of the mesh. */
 static pliant_status copy_triangles(pliant_surface *surface)
 {
     const pliant_body *body = surface->body;

@@ -1,4 +1,4 @@
-/* The triangles of one tetrahedron at load: where its fragments part, and its faces that nothing is behind. */
+/* Compute the triangles of one initial tetrahedron: between its fragments, and on its faces without neighbour. */
 #include "topology/surface.h"
 #include "mesh/faces.h"
 #include "pliant/memory.h"
@@ -8,13 +8,14 @@
 
 enum { OUTSIDE, CUT };
 
-/* One of the small tetrahedra of a host: where its corners are in the lattice, whose they are, and where its edges are crossed. */
+/* One of the small tetrahedra of a host: lattice coordinates and fragments of its corners, and crossings of its
+ * edges. */
 typedef struct small_tet {
     int32_t at[4][4], label[4];
-    double along[4][4];        /* from the first of the two; < 0: not crossed */
+    double along[4][4];        /* fraction from the first of the two corners; < 0: not crossed */
 } small_tet;
 
-/* A line on one of its faces, seen from outside: with one corner on its left, another on its right. */
+/* A line on a face, seen from outside, with one corner on its left and another one on its right. */
 typedef struct parting { surface_point from, to; int left, right; } parting;
 
 /* ---- points */
@@ -51,7 +52,7 @@ static surface_point crossing_of(const surface_maker *maker, const small_tet *te
     return crossing_point(maker, tet->at[a], tet->at[b], tet->along[a][b]);
 }
 
-/* of a face of which all edges are crossed */
+/* Return the centre of a face with three crossed edges. */
 static surface_point middle_of_face(const surface_maker *maker, const small_tet *tet, const int corner[3])
 {
     surface_point edge[3], out;
@@ -80,7 +81,7 @@ static surface_point middle_of_tet(const surface_maker *maker, const small_tet *
 
 /* ---- triangles */
 
-/* a point that moves with a fragment of a host; -1: no memory */
+/* Add a point that moves with a fragment of a host; -1: out of memory. */
 static int32_t add_vertex(surface_maker *maker, int32_t host, int32_t fragment, const surface_point *point)
 {
     surface_vertex vertex;
@@ -91,7 +92,8 @@ static int32_t add_vertex(surface_maker *maker, int32_t host, int32_t fragment, 
     if (!added) return -1;
     vertex.tet = fragment;
     memcpy(vertex.weight, point->share, sizeof vertex.weight);
-    vertex.material = vertex.key.weight[1] == 0 ? 0 : pliant_surface_material(maker, host, fragment, point->share); /* a node has none of its own */
+    /* a node may belong to several materials, so it has none */
+    vertex.material = vertex.key.weight[1] == 0 ? 0 : pliant_surface_material(maker, host, fragment, point->share);
     *added = vertex;
     return number;
 }
@@ -106,7 +108,7 @@ static bool add_triangle(surface_maker *maker, int list, int32_t host, int32_t f
     return added != NULL;
 }
 
-/* a polygon as a fan around its first point */
+/* Add a polygon as a fan around its first point. */
 static bool add_polygon(surface_maker *maker, int list, int32_t host, int32_t fragment, const surface_point *point, int count, bool turned)
 {
     bool good = true;
@@ -117,7 +119,8 @@ static bool add_polygon(surface_maker *maker, int list, int32_t host, int32_t fr
 
 /* ---- between fragments */
 
-/* Where a face's edges are crossed: 3: lines from each to the middle; 2: a line between them. Whether it is crossed three times */
+/* Find the lines between the crossed edges of a face. With three crossings, each is connected to the centre; with two,
+ * they are connected directly. Return whether there are three. */
 static bool find_partings(const surface_maker *maker, const small_tet *tet, const int corner[3], parting *out, int *count)
 {
     bool crossed[3];
@@ -132,7 +135,8 @@ static bool find_partings(const surface_maker *maker, const small_tet *tet, cons
     return times == 3;
 }
 
-/* The surface within a small tetrahedron: from the lines on its faces to its middle, or, where they are one flat ring, to a point of it. */
+/* Add the surface within a small tetrahedron. It connects the lines on the faces to the centre, or to one point of the
+ * ring if the lines form one flat ring. */
 static bool add_cut(surface_maker *maker, int32_t host, const small_tet *tet)
 {
     parting lines[12];
@@ -152,10 +156,10 @@ static bool add_cut(surface_maker *maker, int32_t host, const small_tet *tet)
 
 /* ---- faces of the host */
 
-/* A face of a host, and who is across: a point of the one in corners of the other. */
+/* A face of a host and the neighbour across it. It maps points of the host to the neighbour's corners. */
 typedef struct host_face {
-    int32_t host, other;       /* other -1: nobody */
-    int opposite, corner[4];   /* of the host; of the other one, by those of the host; that of `opposite`: -1 */
+    int32_t host, other;       /* other -1: no neighbour */
+    int opposite, corner[4];   /* corner[v]: the neighbour's corner for corner v of the host; for v == opposite: -1 */
 } host_face;
 
 static void find_face(const surface_maker *maker, int32_t host, int opposite, host_face *out)
@@ -175,7 +179,7 @@ static const surface_block *split_block(const surface_maker *maker, int32_t host
     return maker->block[host] && maker->block[host]->split ? maker->block[host] : NULL;
 }
 
-/* whether two fragments have the same nodes on a face */
+/* Return whether two fragments have the same nodes on a face. */
 static bool holds_together(const surface_maker *maker, const host_face *face, int32_t own, int32_t other)
 {
     const int32_t *tets = maker->body->fine.tets;
@@ -184,8 +188,9 @@ static bool holds_together(const surface_maker *maker, const host_face *face, in
     return true;
 }
 
-/* A piece of a face, of a fragment; at: one of its points in the lattice. Unless somebody holds together with it there, it is surface, as is
- * the other side, which has nobody else to say so where it is not refined. */
+/* Add a polygon of a host's face that belongs to a fragment. If the neighbour's fragment is not connected there, the
+ * polygon is surface. A neighbour that is not refined does not add its own side, so both sides are added.
+ * at: a lattice point of the polygon */
 static bool add_piece(surface_maker *maker, const host_face *face, int32_t fragment, const int32_t at[4], const surface_point *point, int count)
 {
     if (face->other < 0) return add_polygon(maker, OUTSIDE, face->host, fragment, point, count, false);
@@ -209,14 +214,14 @@ static bool add_piece(surface_maker *maker, const host_face *face, int32_t fragm
     return add_polygon(maker, CUT, face->other, face->other, turned, count, true);
 }
 
-/* The face of a small tetrahedron that is one of the host's: parted where its edges are crossed. */
+/* Add the face of a small tetrahedron that lies on a face of the host, divided at its crossed edges. */
 static bool add_small_face(surface_maker *maker, const host_face *face, const small_tet *tet, const int corner[3])
 {
     const int32_t(*at)[4] = tet->at, *label = tet->label;
     int times = 0, first = 0;
     bool crossed[3], good = true;
     for (int e = 0; e < 3; e++) times += crossed[e] = !(tet->along[corner[e]][corner[(e + 1) % 3]] < 0);
-    /* p: of two crossed edges their common end, of one its first */
+    /* p: common end of two crossed edges, or the first end of one */
     for (int e = 0; e < 3; e++)
         if ((times == 1 && crossed[e]) || (times == 2 && !crossed[(e + 1) % 3])) first = e;
     const int p = corner[first], q = corner[(first + 1) % 3], r = corner[(first + 2) % 3];
@@ -235,7 +240,7 @@ static bool add_small_face(surface_maker *maker, const host_face *face, const sm
     return good;
 }
 
-/* ---- a host that is refined */
+/* ---- refined hosts */
 
 static bool add_small(surface_maker *maker, int32_t host, const host_face face[4], small_tet *tet)
 {
@@ -256,10 +261,12 @@ static bool add_small(surface_maker *maker, int32_t host, const host_face face[4
     return good;
 }
 
-/* The small tetrahedra: of every cube of the lattice x1 >= x2 >= x3 the ways along its edges from its lowest to its highest corner. */
+/* Compute the small tetrahedra: in every cube of the lattice x1 >= x2 >= x3, the paths along its edges from the lowest
+ * to the highest corner. */
 static bool fill_split(surface_maker *maker, const surface_block *block)
 {
-    static const int ways[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}; /* the last three turn left into right */
+    /* the last three have the opposite orientation */
+    static const int ways[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     const int parts = maker->parts;
     host_face face[4];
     for (int v = 0; v < 4; v++) find_face(maker, block->host, v, face + v);
@@ -281,9 +288,10 @@ static bool fill_split(surface_maker *maker, const surface_block *block)
     return true;
 }
 
-/* ---- a host that is not */
+/* ---- other hosts */
 
-/* Its points on an edge of a refined neighbour, from corner a on, without b. How many; -1: no memory */
+/* Collect the points on an edge of a refined neighbour, from corner a (included) to corner b (excluded). Return their
+ * number; -1: out of memory. */
 static int points_along(surface_maker *maker, int32_t host, int a, int b, surface_point *out)
 {
     int32_t corner[4];

@@ -1,11 +1,11 @@
-/* Where a cut passes beside a corner of a tetrahedron that has no voxels beyond it, the corner stays whole: a tip that sticks out of the cut, into a
- * pit of the same shape. Both are drawn flat. */
+/* Flatten the tips of a cut surface. Where a cut passes next to a corner of a tetrahedron without voxels beyond the
+ * corner, the corner stays attached. It forms a tip on one side of the cut and a pit on the other side. */
 #include "topology/surface.h"
 #include "pliant/memory.h"
 
 #include <math.h>
 
-/* The ends of edges from a tip, along faces of cuts. */
+/* Sum of the neighbours of a tip along faces of cuts. */
 typedef struct tip { double sum[3]; int32_t count; bool alone; } tip;
 
 static void find_rest(const pliant_surface *surface, int32_t point, double out[3])
@@ -17,13 +17,14 @@ static void find_rest(const pliant_surface *surface, int32_t point, double out[3
         for (int d = 0; d < 3; d++) out[d] += (own < 0 ? 1 : surface->weight[4 * (size_t)own + (size_t)v]) * mesh->rest[3 * (size_t)node[v] + (size_t)d];
 }
 
-/* Only corners of small tetrahedra can be tips: between fragments, a surface runs through crossings alone. */
+/* Return whether a point is a corner of small tetrahedra. Only corners can be tips; between fragments the surface has
+ * only crossings. */
 static bool is_corner(const pliant_surface *surface, const uint8_t *is_lattice, int32_t point)
 {
     return point < surface->body->fine.num_nodes || is_lattice[point - surface->body->fine.num_nodes];
 }
 
-/* instead: (nodes) -1: on the outside, and stays there */
+/* instead: (nodes) -1: on the outer surface, so it is not moved */
 static bool find_tips(const pliant_surface *surface, const uint8_t *is_lattice, const int32_t *instead, surface_map *tips, surface_list *found)
 {
     for (int32_t c = 3 * surface->first_cut; c < 3 * surface->num_triangles; c++) {
@@ -48,7 +49,7 @@ static bool find_tips(const pliant_surface *surface, const uint8_t *is_lattice, 
 
 static double least_of(const double weight[4]) { return fmin(fmin(weight[0], weight[1]), fmin(weight[2], weight[3])); }
 
-/* The fragment that has a node and holds a place, or is nearest to holding it. */
+/* Return the fragment with a node that contains a point, or the nearest one. */
 static int32_t find_holder(const surface_maker *maker, int32_t node, const double place[3])
 {
     const int32_t parent = pliant_surface_load_node(maker, node);
@@ -69,7 +70,7 @@ static int32_t find_holder(const surface_maker *maker, int32_t node, const doubl
     return best;
 }
 
-/* to the middle of the ends of its edges, or as near to it as its tetrahedron reaches */
+/* Move a vertex to the mean of its neighbours, or as near to it as its tetrahedron extends. */
 static void flatten(const pliant_surface *surface, const double middle[3], int32_t vertex)
 {
     double weight[4], sum = 0;
@@ -78,7 +79,8 @@ static void flatten(const pliant_surface *surface, const double middle[3], int32
     for (int v = 0; v < 4; v++) surface->weight[4 * (size_t)vertex + (size_t)v] = weight[v] / sum;
 }
 
-/* Where a tip is a node, a vertex in its place. instead: (nodes) 1 + that vertex */
+/* Flatten all tips. A tip at a node is replaced by a vertex.
+ * instead: output, (nodes) 1 + the vertex */
 static void flatten_all(const surface_maker *maker, const surface_map *tips, const surface_list *found, int32_t *instead, pliant_surface *surface)
 {
     const int32_t nodes = surface->body->fine.num_nodes;

@@ -1,25 +1,27 @@
-/* Whose the places of a refined tetrahedron are, and where on its edges that changes: asked of the voxels. */
+/* Find the fragments of a refined tetrahedron's lattice points, and the crossings on its edges, from the voxels. */
 #include "base/matrix.h"
 #include "topology/surface.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Voxels so far around a place are asked, then all of the tetrahedron. */
+/* Maximum search distance around a point [voxels]. If no voxel is found, all voxels of the tetrahedron are searched. */
 enum { MOST_AWAY = 3 };
-/* An edge is looked at in so many places; then a plane is fitted between the voxels so far around [voxels], so many times. */
+/* Number of sample points on an edge, and number of plane fits. The plane separates the voxels within this distance
+ * [voxels]. */
 enum { PLACES = 8, FITS = 2 };
 static const double around = 2.5;
-/* nearer to an end of its edge no crossing is */
+/* minimum distance of a crossing from an end, as a fraction of the edge */
 static const double least_share = 0.05;
 
-/* Who is asked: of `count` nodes at load those tetrahedra that have them all; or of a host those fragments that have these nodes now. */
+/* Voxels of a search: those of all tetrahedra that have `count` given initial nodes, or those of a host's fragments
+ * that have given current nodes. */
 typedef struct surface_question {
-    int32_t host;              /* -1: any with the nodes */
+    int32_t host;              /* -1: any tetrahedron with the nodes */
     int count;
     int32_t node[4];
-    int corner[4];             /* of the host */
-    int32_t fragment;          /* of the host, this one alone; -1: any with the nodes */
+    int corner[4];             /* corners of the host */
+    int32_t fragment;          /* only this fragment of the host; -1: any with the nodes */
 } surface_question;
 
 void pliant_surface_corners(const surface_maker *maker, int32_t host, int32_t out[4])
@@ -39,7 +41,8 @@ bool pliant_surface_is_split(const surface_maker *maker, int32_t host)
     return false;
 }
 
-/* the first fragment of a host with the nodes of one: where these are the same, nothing parts */
+/* Return the first fragment of a host that has the same nodes as a given one, because no cut separates such
+ * fragments. */
 static int32_t first_alike(const surface_maker *maker, int32_t host, int32_t fragment)
 {
     const int32_t cut = maker->cut_of[host];
@@ -48,7 +51,7 @@ static int32_t first_alike(const surface_maker *maker, int32_t host, int32_t fra
     return host;
 }
 
-/* place of a node at load among the corners of a host; -1: it has it not */
+/* Return the corner of a host at an initial node; -1: none. */
 static int corner_with(const surface_maker *maker, int32_t host, int32_t node)
 {
     for (int v = 0; v < 4; v++)
@@ -63,7 +66,7 @@ static bool has_all(const surface_maker *maker, int32_t host, const int32_t *nod
     return true;
 }
 
-/* the fragment that a voxel moves with, if it is one of its own tetrahedron; -1: it is not */
+/* Return the fragment with which a voxel moves, if it belongs to the voxel's own tetrahedron; -1: it does not. */
 static int32_t fragment_of(const surface_maker *maker, int32_t voxel)
 {
     const int32_t host = maker->voxels->owner[voxel], cut = host < 0 ? -1 : maker->cut_of[host];
@@ -94,7 +97,7 @@ static double square_to(const surface_maker *maker, const int32_t at[3], const d
     return sum;
 }
 
-/* The voxel nearest to a place, of those that are asked; of as near ones the first. -1: none is near */
+/* Return the nearest voxel of the search around a point, the first one at a tie; -1: none within the distance. */
 static int32_t nearest_around(const surface_maker *maker, const surface_question *question, const double index[3])
 {
     const pliant_geometry *geometry = &maker->voxels->geometry;
@@ -122,7 +125,7 @@ static int32_t nearest_around(const surface_maker *maker, const surface_question
     return best;
 }
 
-/* the same among all of a host */
+/* Return the nearest voxel of the search among all voxels of a host. */
 static int32_t nearest_of_host(const surface_maker *maker, const surface_question *question, const double index[3])
 {
     int32_t best = nearest_around(maker, question, index);
@@ -139,7 +142,8 @@ static int32_t nearest_of_host(const surface_maker *maker, const surface_questio
     return best;
 }
 
-/* index in the scan of a place, from its nodes in ascending order: the same of every host */
+/* Compute the scan index of a lattice point. The sum over its nodes has a fixed order, so that every host gets the same
+ * result. */
 static void find_place(const surface_maker *maker, const surface_key *key, double index[3])
 {
     double world[3] = {0, 0, 0};
@@ -151,8 +155,8 @@ static void find_place(const surface_maker *maker, const surface_key *key, doubl
 
 /* ---- points */
 
-/* Of a point on a face, an edge or a corner: whose its nearest voxel is, of any tetrahedron there, decides which nodes it moves with; then it
- * is of a fragment that has them. */
+/* Return the fragment of a lattice point. For a point on a face, an edge or a corner, the nearest voxel of all
+ * tetrahedra there decides which nodes it moves with. The result is a fragment of the host with these nodes. */
 static int32_t label_of(const surface_maker *maker, int32_t host, const surface_key *key)
 {
     double index[3];
@@ -170,7 +174,7 @@ static int32_t label_of(const surface_maker *maker, int32_t host, const surface_
         question.host = host;
         voxel = nearest_of_host(maker, &question, index);
     }
-    if (voxel < 0) { /* none has them */
+    if (voxel < 0) { /* no fragment has these nodes */
         question = (surface_question){.host = host, .fragment = -1};
         voxel = nearest_of_host(maker, &question, index);
     }
@@ -195,7 +199,8 @@ void pliant_surface_find_labels(const surface_maker *maker, int32_t host, int32_
 
 /* ---- edges */
 
-/* Voxels of a host on the two sides of an edge, near it; from and to in metres along the scan's axes. false: no memory */
+/* Collect the voxels of a host on both sides of an edge. Return false if memory is exhausted.
+ * from, to: [m] along the scan's axes */
 static bool add_samples(surface_maker *maker, int32_t host, const int32_t label[2], const double from[3], const double to[3], double reach)
 {
     const pliant_voxels *voxels = maker->voxels;
@@ -221,7 +226,8 @@ static bool add_samples(surface_maker *maker, int32_t host, const int32_t label[
     return true;
 }
 
-/* how far along an edge its places are nearest to voxels of the first side */
+/* Return the initial estimate of the crossing: the fraction of sample points whose nearest voxel is on the first
+ * side. */
 static double first_guess(const surface_list *near, const double from[3], const double to[3])
 {
     const surface_sample *sample = near->at;
@@ -244,8 +250,8 @@ static double first_guess(const surface_list *near, const double from[3], const 
     return first;
 }
 
-/* The sides of the voxels around a place of an edge as a linear function of where they are, by least squares: where along the edge it is 0.
- * NAN: it falls nowhere. */
+/* Fit the side of the voxels around a point on an edge as a linear function of their position, by least squares. Return
+ * where it is zero on the edge; NAN: it does not decrease along the edge. */
 static double fit(const surface_list *near, const double from[3], const double to[3], double t, double reach)
 {
     const surface_sample *sample = near->at;

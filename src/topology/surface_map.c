@@ -1,4 +1,4 @@
-/* Places of a surface by their nodes and weights. */
+/* Hash table of surface points, by nodes and weights. */
 #include "base/fail.h"
 #include "topology/surface.h"
 #include "pliant/memory.h"

@@ -1,4 +1,4 @@
-/* The points of a surface, for files. */
+/* Collect the points of a surface for output files. */
 #include "topology/surface_points.h"
 
 #include "base/fail.h"
@@ -15,7 +15,7 @@ void pliant_surface_points_free(surface_points *points)
     pliant_free(points->material);
 }
 
-/* numbers at nodes, and from them at vertices */
+/* Interpolate values at nodes to the vertices. */
 static void extend(const pliant_surface *surface, int size, const double *nodes, double *out)
 {
     const size_t count = (size_t)size * (size_t)surface->body->fine.num_nodes;
@@ -40,7 +40,8 @@ pliant_status pliant_surface_points_find(const pliant_surface *surface, const do
     for (size_t n = 0; num_values > 0 && n < nodes; n++)
         for (size_t v = 0; v < (size_t)num_values; v++) out->value[(size_t)num_values * n + v] = (double)values[v * nodes + n];
     if (num_values > 0) pliant_surface_at_vertices(surface, num_values, out->value, out->value + (size_t)num_values * nodes);
-    for (int32_t t = body->fine.num_tets; t-- > 0;) /* of the first tetrahedron of every node */
+    /* in descending order, so that the first tetrahedron of each node is used */
+    for (int32_t t = body->fine.num_tets; t-- > 0;)
         for (int v = 0; v < 4; v++) out->material[body->fine.tets[4 * (size_t)t + (size_t)v]] = body->fine_material[t].material;
     if (surface->num_vertices > 0) memcpy(out->material + nodes, surface->material, (size_t)surface->num_vertices * sizeof *out->material);
     for (int32_t v = 0; v < 3 * surface->num_triangles; v++) out->row[surface->triangle[v]] = 1;

@@ -1,4 +1,5 @@
-/* Which faces of tetrahedra that cuts have subdivided are faces of cuts: those that lie in none that was outside at load. */
+/* Find the faces of subdivided tetrahedra that are faces of cuts: those that lie in no outer face of the initial
+ * mesh. */
 #include "topology/parts.h"
 #include "topology/surface.h"
 
@@ -7,19 +8,19 @@
 
 #include <string.h>
 
-/* nodes at load, ascending: the fewest between which something lies */
+/* Minimal set of initial nodes, ascending, whose simplex contains a point. */
 typedef struct carrier { int32_t count, node[4]; } carrier;
 
-/* a triangle of the surface that lies in a face at load */
+/* A surface triangle that lies in a face of the initial mesh. */
 typedef struct outer_face {
-    int32_t node[3], tet; /* at load */
+    int32_t node[3], tet; /* of the initial mesh */
     int32_t triangle;
 } outer_face;
 
 typedef struct face_work {
     const pliant_body *body;
     carrier *of_node;     /* (fine.num_nodes) */
-    uint8_t *touched;     /* (fine.num_nodes) appended, or at load one between which appended ones lie */
+    uint8_t *touched;     /* (fine.num_nodes) appended, or an initial node of an edge with appended nodes */
     uint8_t *is_cut;      /* (num_triangles) */
     outer_face *face;     /* (num_triangles) */
     int32_t num_faces;
@@ -49,7 +50,8 @@ static void find_carriers(face_work *work)
     const pliant_subdivision *subdivision = work->body->subdivision;
     for (int32_t n = 0; n < subdivision->load_nodes; n++) work->of_node[n] = (carrier){1, {n, 0, 0, 0}};
     for (int32_t n = subdivision->load_nodes; n < work->body->fine.num_nodes; n++) {
-        work->of_node[n] = carrier_of(work, subdivision->between[n - subdivision->load_nodes].end, 2); /* ends come before */
+        /* the ends of an edge have lower numbers */
+        work->of_node[n] = carrier_of(work, subdivision->between[n - subdivision->load_nodes].end, 2);
         work->touched[n] = 1;
         for (int32_t c = 0; c < work->of_node[n].count; c++) work->touched[work->of_node[n].node[c]] = 1;
     }
@@ -63,7 +65,7 @@ static int by_nodes(const void *a, const void *b)
     return i->triangle < j->triangle ? -1 : i->triangle > j->triangle;
 }
 
-/* Triangles inside a tetrahedron at load are of a cut; those in its faces are to be looked at. */
+/* List the triangles that lie in faces of the initial mesh. All others are faces of cuts. */
 static void list_faces(face_work *work)
 {
     const pliant_body *body = work->body;
@@ -79,7 +81,7 @@ static void list_faces(face_work *work)
     qsort(work->face, (size_t)work->num_faces, sizeof *work->face, by_nodes);
 }
 
-/* those in a face of a tetrahedron at load that are listed for another one, which was across it */
+/* Mark triangles in an inner face of the initial mesh, which is listed for the tetrahedron on its other side. */
 static void mark_shared(face_work *work, const carrier *tet, int corner, int32_t load)
 {
     outer_face wanted = {.triangle = -1};

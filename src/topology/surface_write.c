@@ -1,4 +1,4 @@
-/* A surface as a file. */
+/* Write a surface to a file. */
 #include "base/fail.h"
 #include "topology/surface_points.h"
 

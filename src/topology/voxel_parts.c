@@ -1,4 +1,4 @@
-/* Which voxels of a tetrahedron hang together, at load and after cuts. */
+/* Find the connected parts of a tetrahedron's voxels, without cuts and with cuts. */
 #include "topology/links.h"
 #include "topology/parts.h"
 

@@ -1,4 +1,4 @@
-/* The voxels of a body, as they are made at load: who owns which, of what material. */
+/* Voxels of a body at load: their tetrahedra and materials. */
 #include "topology/links.h"
 
 #include "base/fail.h"
@@ -32,7 +32,8 @@ void pliant_voxels_release(const pliant_voxels *voxels)
     if (voxels && atomic_fetch_sub_explicit(&voxels->holders->count, 1, memory_order_acq_rel) == 1) free_voxels((pliant_voxels *)voxels);
 }
 
-/* by the lattice, with its rule for ties; where nodes were moved, and in an octree, by the tetrahedra themselves */
+/* Find the owner of each voxel, with the lattice's rule for ties. If nodes were moved, and in an octree, the tetrahedra
+ * themselves are searched. */
 static pliant_status find_owners(const pliant_mesh *fine, pliant_voxels *voxels)
 {
     const pliant_geometry *geometry = &voxels->geometry;
@@ -64,7 +65,8 @@ static pliant_status list_owned(pliant_voxels *voxels)
         }
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t + 1] += start[t];
     if (!(voxels->voxel = pliant_calloc((size_t)owned + 1, sizeof *voxels->voxel))) return pliant_fail_memory("the voxels of a body");
-    for (int32_t v = count - 1; v >= 0; v--) /* from the back: starts end where they belong, one further */
+    /* fill from the back: start[t + 1] then is the first index of tetrahedron t, which is shifted below */
+    for (int32_t v = count - 1; v >= 0; v--)
         if (voxels->owner[v] >= 0) voxels->voxel[--start[voxels->owner[v] + 1]] = v;
     for (int32_t t = 0; t < voxels->num_tets; t++) start[t] = start[t + 1];
     start[voxels->num_tets] = owned;
