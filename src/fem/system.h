@@ -48,8 +48,8 @@ typedef struct pliant_upsample {
 } pliant_upsample;
 
 /* Elements with a variable number of corners. There are two kinds: hexahedra on their own eight nodes (hexahedra.c),
- * and the macro-elements of lod (src/fem/coarse/NUMERICS.md). A macro-element is a cube of the solved lattice that contains tissue. Its
- * corners are all solved nodes that move the fine nodes of the cube.
+ * and the macro-elements of lod (src/fem/coarse/NUMERICS.md). A macro-element is a cube of the solved lattice that
+ * contains tissue. Its corners are all solved nodes that move the fine nodes of the cube.
  *
  * The rotation R of an element is fitted to the cube's own nodes: F = sum of x_v g_v'. A corner at x with rest position
  * X has the local displacement
@@ -111,8 +111,8 @@ typedef struct pliant_graded {
     pliant_graded_base *base; /* the coarse elements at load time; shared */
     int32_t num_base, num_fine; /* number of elements: first the coarse elements, then the fine ones */
     int32_t *tet; /* (num_fine) fine tetrahedron of each element; for a hexahedron: -1 - its first tetrahedron */
-    /* (fine nodes) first tetrahedron of the coarse element that is adjacent to refined cubes and contains the node; -1:
-     * no such element */
+    /* (fine nodes of refined cubes) first fine tetrahedron in an adjacent cube that is not refined and contains the
+     * node; -1: no such tetrahedron */
     int32_t *within;
     uint8_t *in_refined;      /* (fine nodes) nonzero: the node belongs to a refined cube */
 } pliant_graded;
@@ -302,7 +302,7 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
 /* Compute one block column of an element's stiffness: the column of the given corner. blocks: (corners of the element x
  * 9). */
 void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks);
-/* floating-point operations of pliant_macro_column for all corners */
+/* floating-point operations of pliant_macro_assemble */
 double pliant_macro_operations(const pliant_system *system);
 /* Add K x to y, on all nodes, with one thread. */
 void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *tangents, const double *x, double *y);
@@ -434,7 +434,7 @@ bool pliant_preconditioner_refuses(const pliant_preconditioner *preconditioner);
 double pliant_preconditioner_condition(pliant_preconditioner *preconditioner); /* 0: unknown */
 double pliant_preconditioner_operations(const pliant_preconditioner *preconditioner); /* of one refresh */
 double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner); /* of one application */
-/* Of a reduction of the residual to 1e-4. */
+/* For a reduction of the residual to 1e-4. */
 double pliant_preconditioner_solve_operations(const pliant_preconditioner *preconditioner);
 /* Not counted by pliant_memory_in_use. */
 size_t pliant_preconditioner_bytes(const pliant_preconditioner *preconditioner);

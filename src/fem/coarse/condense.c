@@ -8,7 +8,7 @@ bool pliant_submesh_condense(pliant_submesh *submesh, int corners, const int32_t
 {
     const int32_t size = 3 * submesh->num_nodes, n = 3 * corners;
     const size_t of_node = 3 * (size_t)n;
-    int32_t inner = 0, *slot = submesh->slot; /* place among the inner nodes, or -1 */
+    int32_t inner = 0, *slot = submesh->slot; /* index among the inner nodes, or -1 */
     double *kff = submesh->square, *kfc = submesh->work;
     for (int32_t node = 0; node < submesh->num_nodes; node++) slot[node] = submesh->fixed[submesh->node[node]] ? -1 : 0;
     for (int v = 0; v < corners; v++) {

@@ -1,17 +1,18 @@
-/* A 24 x 24 stiffness for every coarse cube from the fine elements in it: what averages in place of points are for
- * tetrahedra (NUMERICS.md).
+/* A 24 x 24 stiffness for every coarse cube, computed from its fine elements. It is the method of averages
+ * (NUMERICS.md) applied to hexahedra.
  *
- * The 18 stresses tau that a trilinear cube of homogeneous tissue has, with one change of volume, times the part of
- * tissue, make loads Phi = sum over the fine elements of int B' tau. Where K is the fine stiffness with a free boundary
- * and P the trilinear map from the corners, the cube has the least energy that fine displacements u with Phi'u = Phi'P
- * u_c can have:
+ * A trilinear cube of homogeneous tissue with one change of volume has 18 stress modes tau. Multiplied by the fraction
+ * of tissue, they define loads Phi = sum over the fine elements of int B' tau. K is the fine stiffness with a free
+ * boundary, and P the trilinear map from the corners. The cube has the minimum energy over all fine displacements u
+ * with Phi'u = Phi'P u_c:
  *     H = Phi' K^-1 Phi,   K_c = (Phi'P)' H^-1 (Phi'P).
- * It passes the patch test, is never stiffer than P'KP, and of homogeneous tissue about the hexahedron of the coarse
- * cube. Stresses that are in balance (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are as good between soft
- * and stiff; with them a beam of three cubes sags 2 % less.
+ * K_c passes the patch test and is never stiffer than P'KP. For homogeneous tissue it is close to the hexahedron of the
+ * coarse cube. Self-equilibrated stresses (Pian and Tong, Int. J. Numer. Meth. Engng 22:173, 1986) are equally accurate
+ * between soft and stiff tissue, but with them a beam of three cubes sags 2 % less.
  *
- * A cube with fixed fine nodes that do not lean on fixed corners alone is grounded (NUMERICS.md): P'KP with these
- * nodes held, one change of volume in all, R = I; so, but for the last, are cubes whose fine elements fall apart. */
+ * A cube with fixed fine nodes is grounded (NUMERICS.md) unless these nodes depend on fixed corners alone. It has P'KP
+ * with these nodes held, one change of volume, and R = I. Cubes with disconnected fine elements have the same P'KP, but
+ * rotate. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
@@ -24,10 +25,10 @@
 
 enum { MODES = 18, UNKNOWNS = 24, CORNERS = 8 };
 
-/* ---- stresses */
+/* ---- Stresses. */
 
-/* tau of a mode at a point y in [-1, 1]^3 of a cube of this size, in the axes of the lattice: six that are constant,
- * then what a displacement u_i = xy, yz, xz or xyz has without its change of volume */
+/* Compute tau of a mode at a point y in [-1, 1]^3 of a cube of this size, in lattice axes. The first six modes are
+ * constant. The others are the deviatoric stresses of a displacement u_i = xy, yz, xz or xyz. */
 static void mode_at(int mode, const double y[3], const double size[3], double tau[3][3])
 {
     memset(tau, 0, 9 * sizeof tau[0][0]);
@@ -68,7 +69,8 @@ static void add_loads(const pliant_mesh *coarse, const double y[3], double weigh
     }
 }
 
-/* the part of tissue, so that air beside it does not set the average (NUMERICS.md) */
+/* Return the weight of tissue in the averages. Without it, air next to tissue would dominate the average
+ * (NUMERICS.md). */
 static double share_of(const pliant_tet_material *material) { return material->tissue + 1e-3; }
 
 static void cube_loads(const pliant_submesh *submesh, const pliant_cube_room *room, const pliant_cube *cube, double *phi)
@@ -143,7 +145,7 @@ static bool root_by_factor(const double h[MODES * MODES], const double g[MODES *
     return true;
 }
 
-/* The same where stresses cannot all be told apart by what is there of the cube: returns how many rows. h is
+/* Compute the same root if the stress modes are dependent on an incomplete cube. Return its number of rows. h is
  * overwritten. */
 static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
 {
@@ -164,7 +166,8 @@ static int32_t root_by_eigenvalues(double h[MODES * MODES], const double g[MODES
     return rank;
 }
 
-/* root of K_c (at most 18 rows of 24): returns how many rows, 0: the fine elements fall apart */
+/* Compute the root of K_c (at most 18 rows of 24). Return its number of rows, or 0 if the fine elements are
+ * disconnected. */
 static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, double *root)
 {
     const int32_t size = 3 * submesh->num_nodes;
@@ -209,8 +212,8 @@ static pliant_status place_nodes(const pliant_cube_work *work, const pliant_subm
     return PLIANT_OK;
 }
 
-/* Condensed on the corners, and brought to what a hexahedron is of homogeneous tissue (calibrate.h): returns the rank
- * of its root, 0: it cannot be */
+/* Condense on the corners and calibrate to the hexahedron of homogeneous tissue (calibrate.h). Return the rank of the
+ * root, or 0 if this is impossible. */
 static int32_t calibrate(const pliant_cube_work *work, pliant_submesh *submesh, int32_t element, double *root)
 {
     const pliant_mesh *coarse = work->system->mesh;
@@ -304,9 +307,9 @@ static pliant_status make_all(pliant_cube_work *work, pliant_progress progress)
     return pliant_work_outcome(&all);
 }
 
-/* ---- what is fixed */
+/* ---- Fixed nodes. */
 
-/* Elements with fixed fine nodes that do not follow fixed corners alone; of schur, all with fixed fine nodes
+/* Find elements with fixed fine nodes that depend on free corners. For schur, find all elements with fixed fine nodes
  * (pliant_cubes_schur_begin). */
 static void find_grounded(const pliant_cube_work *work, const uint8_t *coarse_fixed)
 {
@@ -348,7 +351,7 @@ static pliant_status ground(pliant_macros *macros)
     return PLIANT_OK;
 }
 
-/* Corners that no stiffness is at: of what a cut has left without tissue. */
+/* Fix the corners without any stiffness, where cuts have left no tissue. */
 static pliant_status hold_empty(const pliant_system *system, uint8_t *coarse_fixed)
 {
     const pliant_macros *macros = system->macros;

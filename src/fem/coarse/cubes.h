@@ -1,4 +1,4 @@
-/* What the files that make coarse hexahedra share (cubes.c, cubes_schur.c). */
+/* Work data for building coarse hexahedra, shared by cubes.c and cubes_schur.c. */
 #ifndef PLIANT_FEM_COARSE_CUBES_H
 #define PLIANT_FEM_COARSE_CUBES_H
 
@@ -15,23 +15,24 @@ typedef struct pliant_cube_work {
     int32_t *element_of_tet;         /* (coarse tetrahedra) */
     int32_t *element_of_fine;        /* (fine tetrahedra) */
     int32_t *tet_of_element;         /* (elements) a coarse tetrahedron of it */
-    pliant_cube *cubes;              /* whole ones of the fine mesh */
+    pliant_cube *cubes;              /* complete cubes of the fine mesh */
     int32_t *cube_of_tet;            /* (fine tetrahedra) or -1 */
     pliant_cube_shape *shapes;       /* (2) by parity */
     pliant_submesh_lists lists;      /* fine tetrahedra by element */
-    bool calibrated;                 /* where that is possible */
-    pliant_shapes *schur;            /* Nullable: (elements) method schur: the shape functions */
-    int32_t linear;                  /* elements that fall apart */
+    bool calibrated;                 /* calibrate where possible */
+    pliant_shapes *schur;            /* Nullable: (elements) shape functions; method schur only */
+    int32_t linear;                  /* number of disconnected elements */
 } pliant_cube_work;
 
-/* what a thread needs besides its submesh */
+/* Work arrays of one thread, in addition to its submesh. */
 typedef struct pliant_cube_room {
     double *weights;  /* (nodes x 8) P */
     double *local;    /* (nodes x 3) in [-1, 1] along the lattice */
     int32_t nodes;
 } pliant_cube_room;
 
-/* the hexahedron of a fine tetrahedron, once for its five: NULL elsewhere; *alone: it is in none */
+/* Return the hexahedron of a fine tetrahedron for the first of its five tetrahedra, and NULL for the others. *alone:
+ * the tetrahedron is in no hexahedron. */
 static inline const pliant_cube *pliant_cube_at(const pliant_submesh *submesh, int32_t tet, bool *alone)
 {
     int32_t cube = submesh->cube_of_tet[tet];
@@ -39,17 +40,18 @@ static inline const pliant_cube *pliant_cube_at(const pliant_submesh *submesh, i
     return *alone || submesh->cubes[cube].tet[0] != tet ? NULL : submesh->cubes + cube;
 }
 
-/* ---- cube_galerkin.c */
-/* P'KP of its submesh by the room's weights, with one change of volume in all: out (24 x 24) */
+/* ---- Implemented in cube_galerkin.c. */
+/* Compute P'KP of the submesh with the weights in `room`, with one change of volume for the whole cube. out: (24 x
+ * 24). */
 void pliant_cube_galerkin(const pliant_submesh *submesh, const pliant_cube_room *room, double *out);
 /* Errors: MEMORY. */
 pliant_status pliant_cube_keep_root(pliant_macros *macros, int32_t element, int32_t unknowns, int32_t rank, const double *root);
 
-/* ---- cubes_schur.c: condensed on the corners, [H] 1 to 7, as tetrahedra are (homogenize.c) */
-/* Lists of the fine elements of each coarse one, and whether some of their nodes are fixed; hexahedra have whole fine
- * ones. Errors: MEMORY. */
+/* ---- Implemented in cubes_schur.c: condensation on the corners, [H] 1 to 7, as for tetrahedra (homogenize.c). */
+/* List the fine elements of each coarse element, and flag elements with fixed nodes. Lists of hexahedra contain
+ * complete fine hexahedra. Errors: MEMORY. */
 pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touch);
-/* One whose submesh is loaded, and its room filled where it is a hexahedron. Errors: MEMORY, NUMERIC. */
+/* Condense one element. Its submesh is loaded, and for a hexahedron `room` is filled. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_cubes_schur(pliant_cube_work *work, pliant_submesh *submesh, pliant_cube_room *room, int32_t element);
 
 #ifdef __cplusplus

@@ -23,8 +23,8 @@ static int compare_numbers(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* One element's list with all of the fine hexahedra that some tetrahedra in it are of. seen: (hexahedra) who had each
- * last, + 1. Returns how many. */
+/* Copy an element's list and complete all fine hexahedra that have a tetrahedron in it. seen: (hexahedra) last element
+ * that had each, + 1. Return the number of tetrahedra. */
 static int32_t complete(const pliant_cube_work *work, int32_t element, int32_t *seen, int32_t *out)
 {
     int32_t count = 0;
@@ -74,7 +74,7 @@ pliant_status pliant_cubes_schur_begin(pliant_cube_work *work, pliant_touch touc
     return status;
 }
 
-/* nodes follow the corners by the room's weights */
+/* Make nodes follow the corners with the weights in `room`. */
 static void linear_shapes(const pliant_submesh *submesh, const pliant_cube_room *room, double *shape)
 {
     for (int32_t n = 0; n < submesh->num_nodes; n++)

@@ -1,13 +1,13 @@
-/* Where a cut runs, coarse elements are those of the fine mesh: no element whose corners lie further apart than the cut
- * is deep opens as tissue does (NUMERICS.md). A coarse cube is refined where one of its fine cubes lies by the cut, or
- * beside one that does, so that what a cut's end bends is fine as well. Elsewhere coarse elements stay, to the bit,
- * what they were at load.
+/* Graded systems: near a cut, elements of the fine mesh replace coarse elements. Coarse elements cannot open a cut that
+ * is shallower than their size (NUMERICS.md). A coarse cube is refined if one of its fine cubes is at the cut or
+ * adjacent to such a fine cube. The bending zone at the end of the cut is then fine as well. All other coarse elements
+ * stay bitwise unchanged.
  *
- * Between the two, fine nodes of coarse elements follow these linearly, u = C u_m (Hughes, The Finite Element Method,
- * 3.A), and a fine element with such corners has C'KC on the nodes that they follow: a fine cube has no more than three
- * faces in those of its coarse cube, so that these are eight at most.
+ * At the interface, the fine nodes of coarse elements follow these linearly, u = C u_m (Hughes, The Finite Element
+ * Method, 3.A). A fine element with such corners has C'KC on the followed nodes. A fine cube has at most three faces on
+ * the faces of its coarse cube, so at most eight nodes are followed.
  *
- * Of a body that follows another, what a cut has not come near is that of the system before. */
+ * After a further cut, everything far from the new cut is copied from the earlier system. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/coarse/graded.h"
@@ -16,7 +16,7 @@
 
 #include <string.h>
 
-enum { LAYERS = 3 }; /* of fine cubes by a cut: those that it parts, and those beside them */
+enum { LAYERS = 3 }; /* layers of fine cubes at a cut: the cut cubes, and adjacent cubes */
 
 bool pliant_body_is_cut(const pliant_body *body) { return body->node_parent || body->tet_parent; }
 
@@ -24,7 +24,7 @@ static pliant_status no_memory(void) { return pliant_fail_memory("the elements b
 
 static size_t count_cells(const pliant_mesh *mesh) { return (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2]; }
 
-/* ---- the coarse elements at load */
+/* ---- The coarse elements at load time. */
 
 static pliant_status make_tet(const pliant_system *system, int32_t tet, pliant_macros *macros)
 {
@@ -114,7 +114,7 @@ static void list_free(cell_list *list)
     pliant_free(list->marked);
 }
 
-/* and those beside them */
+/* Add all adjacent cells. */
 static void spread(cell_list *list)
 {
     const int32_t *cells = list->cells;
@@ -128,7 +128,7 @@ static void spread(cell_list *list)
     }
 }
 
-/* The cubes with a tetrahedron at a place of the lattice. mesh: at load */
+/* Mark the cubes that have a tetrahedron at a lattice position. mesh: at load time. */
 static void mark_around(const pliant_mesh *mesh, int32_t place, cell_list *list)
 {
     const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, at[3] = {place % nx, place / nx % ny, place / nx / ny};
@@ -141,8 +141,7 @@ static void mark_around(const pliant_mesh *mesh, int32_t place, cell_list *list)
     }
 }
 
-/* Fine cubes with a place that has several nodes, or with fragments of a tetrahedron: where any were appended since
- * load. */
+/* Mark fine cubes with duplicated nodes or fragments of a tetrahedron. Both were appended after load time. */
 static void mark_cut(const grading *work, cell_list *list)
 {
     const pliant_mesh *fine = work->fine, *load = work->base->fine;
@@ -150,7 +149,7 @@ static void mark_cut(const grading *work, cell_list *list)
     for (int32_t t = load->num_tets; t < fine->num_tets; t++) mark(list, fine->lattice_of_tet[t] / 5);
 }
 
-/* pieces have no unknowns */
+/* Detached pieces have no unknowns. */
 static void refine_pieces(const grading *work)
 {
     const uint8_t *fixed = work->body->fine_fixed;
@@ -177,7 +176,7 @@ static pliant_status refine(grading *work)
     return status;
 }
 
-/* Fine tetrahedra in refined cubes, and in those beside them. */
+/* List the fine tetrahedra in refined cubes, and in cubes adjacent to them. */
 static pliant_status list_tets(grading *work)
 {
     enum { REFINED = 1, BESIDE = 2 };
@@ -209,9 +208,10 @@ static pliant_status list_tets(grading *work)
     return status;
 }
 
-/* ---- what is solved */
+/* ---- The solved mesh. */
 
-/* coarse nodes, then fine ones: as before, but for nodes appended since load, which may be copies of others */
+/* Set rest positions of coarse nodes and then of fine nodes. They are copied from the earlier system, except for
+ * appended nodes, which may be copies of other nodes. */
 static pliant_status make_rest(grading *work)
 {
     const pliant_mesh *coarse = work->coarse, *fine = work->fine;

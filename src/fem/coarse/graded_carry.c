@@ -1,5 +1,4 @@
-/* From the solved nodes of one body to those of the next, where cuts have made fine elements of coarse ones
- * (graded.c). */
+/* Mapping of solved nodes across a cut that has replaced coarse elements by fine elements (graded.c). */
 #include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -37,8 +36,8 @@ static void find_nearest(const pliant_system *system, int32_t *nearest, double *
     }
 }
 
-/* Of coarse nodes that no element had: as far as the fine node that follows them most now. fine: positions of the fine
- * nodes now */
+/* Move each coarse node without elements by the displacement of the fine node that follows it with the largest weight.
+ * fine: present positions of the fine nodes. */
 static pliant_status place_unused(const pliant_system *system, const pliant_system *before, const double *fine, double *out)
 {
     const int32_t coarse = before->graded->coarse_nodes;
@@ -67,7 +66,7 @@ pliant_status pliant_solved_positions(const pliant_system *system, const pliant_
     double *was = pliant_calloc(3 * (size_t)before->fine->num_nodes, sizeof *was), *now = pliant_calloc(3 * (size_t)system->fine->num_nodes, sizeof *now);
     pliant_status status = was && now ? PLIANT_OK : no_memory();
     if (status == PLIANT_OK) {
-        pliant_upsample_positions(before, x, was); /* also those that follow others, which may be free in the next body */
+        pliant_upsample_positions(before, x, was); /* includes followers, which may be free after the cut */
         pliant_body_map_vectors(map, was, fine ? out : now);
     }
     if (status == PLIANT_OK && !fine) {

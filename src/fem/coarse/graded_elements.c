@@ -1,5 +1,5 @@
-/* The elements of a graded system (graded.c): those of the coarse mesh that are left, then of the fine mesh hexahedra,
- * then tetrahedra. What the system of the body before had is copied. */
+/* Elements of a graded system (graded.c): the remaining coarse elements, then fine hexahedra, then fine tetrahedra.
+ * Unchanged elements are copied from the system before the cut. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/coarse/graded.h"
@@ -13,16 +13,19 @@ enum { CORNERS = GRADED_CORNERS };
 /* of fine elements of the system before, and what hexahedra have in common */
 typedef struct fine_elements {
     grading *work;
-    int32_t *was;              /* (fine tetrahedra) of those in refined cubes, 1 + the element that each was, or was the first of; 0: none */
+    /* (fine tetrahedra in refined cubes) 1 + earlier element that contained the tetrahedron as its first one; 0:
+     * none. */
+    int32_t *was;
     pliant_cube_shape *shape;  /* (2) by parity */
     bool known[2];
-    uint8_t *done;             /* (fine tetrahedra) of those in refined cubes, in a hexahedron */
+    /* (fine tetrahedra in refined cubes) nonzero: the tetrahedron is in a hexahedron. */
+    uint8_t *done;
 } fine_elements;
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the elements beside a cut"); }
 
-/* Elements [from, to) of other ones as those from e on: gradients, most of what they are, and all but those, where
- * start[e] is known. Roots are those blocks. */
+/* Copy elements [from, to) of another system to elements e and following. The first function copies gradients, the
+ * second all other data; start[e] must be set. Roots are shared. */
 static void copy_gradients(const pliant_macros *was, int32_t from, int32_t to, pliant_macros *macros, int32_t e)
 {
     memcpy(macros->gradient + 24 * (size_t)e, was->gradient + 24 * (size_t)from, 24 * (size_t)(to - from) * sizeof *was->gradient);
@@ -43,10 +46,10 @@ static void copy_others(const pliant_macros *was, int32_t from, int32_t to, plia
     for (size_t i = 0; i < count; i++) macros->start[at + i + 1] = was->start[first + i + 1] + shift;
 }
 
-/* ---- of the coarse mesh */
+/* ---- Elements of the coarse mesh. */
 
-/* The next coarse elements in order whose cubes are not refined, [*from, *to); *to: where those before end. false:
- * there are none */
+/* Find the next range [*from, *to) of coarse elements whose cubes are not refined. In: *to is the end of the last
+ * range. Return false at the end. */
 static bool next_base(const grading *work, int32_t *from, int32_t *to)
 {
     const int32_t count = work->elements->count, *cell = work->elements->cell;
@@ -101,8 +104,9 @@ static bool is_held(const grading *work, int32_t node)
     return node < coarse_nodes ? work->base->free_of_node[node] < 0 : work->body->fine_fixed[node - coarse_nodes] != PLIANT_MOVES;
 }
 
-/* Beside fixed nodes inside a coarse element, and nodes that were moved onto bone, there are more than eight: then it
- * keeps R = I, as that element does, and what is fixed at rest adds nothing. Returns how many are left. */
+/* Reduce the followed nodes to at most eight by dropping nodes that are fixed at rest. There can be more than eight
+ * next to fixed nodes inside a coarse element, and next to nodes moved onto bone. Such an element keeps R = I like the
+ * coarse element, so nodes fixed at rest contribute no force. Return the remaining number. */
 static int drop_fixed(const grading *work, int n, int count, int32_t *list, double c[][CORNERS * CORNERS])
 {
     int kept = 0;
@@ -116,8 +120,8 @@ static int drop_fixed(const grading *work, int n, int count, int32_t *list, doub
     return kept;
 }
 
-/* The nodes that an element's corners are or follow, in the place of its corners: gradient and root are those of the
- * element yet. */
+/* Replace the corners of an element by the nodes that they follow. Gradient and root are still in terms of the
+ * corners. */
 static pliant_status lead(const grading *work, const int32_t *node, int n, int32_t e)
 {
     pliant_macros *macros = work->system->macros;
@@ -165,8 +169,7 @@ static bool is_fixed(const grading *work, const int32_t *node, int n)
     return true;
 }
 
-/* What the system before has of these nodes, and of the same kind, with nothing about them changed: 1 + that element;
- * 0: none */
+/* Return 1 + the earlier element with the same unchanged nodes and of the same kind, or 0. */
 static int32_t find_same(const fine_elements *fine, int32_t first, const int32_t *node, int n, bool cube)
 {
     const grading *work = fine->work;
@@ -186,7 +189,7 @@ static const pliant_cube_shape *shape_of(fine_elements *fine, const pliant_cube 
     return fine->shape + parity;
 }
 
-/* of: what it is of, as pliant_graded says. Returns the element */
+/* Append an element and return its index. of: its entry in pliant_graded.tet. */
 static int32_t begin_element(grading *work, int32_t tet, int32_t of)
 {
     const int32_t e = work->system->macros->count++;
@@ -195,7 +198,7 @@ static int32_t begin_element(grading *work, int32_t tet, int32_t of)
     return e;
 }
 
-/* Elements [from, to) of the system before. */
+/* Share elements [from, to) of the earlier system. */
 static void share_before(grading *work, int32_t from, int32_t to)
 {
     const pliant_system *before = work->before;
@@ -209,7 +212,8 @@ static void share_before(grading *work, int32_t from, int32_t to)
     for (int32_t i = from; i < to; i++) pliant_share(before->macros->root[i]);
 }
 
-/* Those of it that are next in order are copied at once. from, to: [from, to) found so far; was: 1 + one more, or 0 */
+/* Collect consecutive earlier elements, and copy a completed range at once. from, to: the range so far; was: 1 + the
+ * next element, or 0. */
 static void take_run(grading *work, int32_t was, int32_t *from, int32_t *to)
 {
     if (was > 0 && was - 1 == *to) {
@@ -282,7 +286,7 @@ static pliant_status add_tets(fine_elements *fine)
     return status;
 }
 
-/* was and done, of those in refined cubes alone */
+/* Fill was and done, for tetrahedra in refined cubes alone. */
 static void list_before(fine_elements *fine)
 {
     const grading *work = fine->work;
@@ -312,8 +316,7 @@ static pliant_status add_fine(grading *work)
     return status;
 }
 
-/* Where fine nodes follow the shape functions of elements, one that moves by itself has an element of its own, without
- * stiffness. */
+/* Add an element without stiffness for every free fine node, if fine nodes follow the shape functions of elements. */
 static void add_points(grading *work)
 {
     pliant_macros *macros = work->system->macros;

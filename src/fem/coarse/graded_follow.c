@@ -47,7 +47,8 @@ static size_t node_of_base(const grading *work, size_t node)
     return node < (size_t)work->base->fine->num_nodes ? node : (size_t)work->body->node_parent[node];
 }
 
-/* Of the nodes of refined cubes, and of those that were in one before, as many of a list as differ are written. */
+/* Return whether the node's entry in the earlier upsampling is still valid. Only entries of other nodes are
+ * rewritten. */
 static bool follows_as_listed(const grading *work, int32_t node)
 {
     const pliant_graded *was = work->before ? work->before->graded : NULL;

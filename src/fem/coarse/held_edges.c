@@ -1,14 +1,15 @@
-/* Coarse hexahedra where what is held ends at a free surface (NUMERICS.md).
+/* Correction of coarse hexahedra at edges between held faces and free faces (NUMERICS.md).
  *
- * Stress is singular along such an edge. The energy that elements of a size h miss there makes the whole body too
- * stiff, by about h^1.1, however exact they are elsewhere. Taking a part of their stiffness off the elements at the
- * edge, the same part for every size, makes up for it (energy-corrected finite elements: Egger, Ruede, Wohlmuth, SIAM
- * J. Numer. Anal. 52:171, 2014); of coarse elements for what they miss and the fine ones do not, 1 - ratio^-1.1 of
- * that. The singularity is the stronger the less tissue changes its volume, and there is none at a Poisson's ratio of
- * 0: of their stiffness 1 / (1 + part (1 - ratio^-order) alike lambda / (lambda + knee mu)) is kept.
+ * The stress is singular along such an edge. Elements of size h miss a part of its energy there, which makes the whole
+ * body too stiff, by about h^1.1 for any element formulation. The correction reduces the stiffness of the elements at
+ * the edge by the same factor for every size (energy-corrected finite elements: Egger, Ruede, Wohlmuth, SIAM J. Numer.
+ * Anal. 52:171, 2014). Coarse elements with fine elements inside need only the fraction 1 - ratio^-1.1 of it. The
+ * singularity grows with incompressibility, and vanishes at a Poisson's ratio of 0. The remaining stiffness is the
+ * fraction
+ *     1 / (1 + part (1 - ratio^-order) alike lambda / (lambda + knee mu)).
  *
- * Where tissue is soft and stiff, condensed elements are too soft themselves and need none of this: alike is the square
- * of the harmonic over the arithmetic mean of the shear moduli, 1 for tissue of one modulus. */
+ * Condensed elements between soft and stiff tissue are too soft already and need no correction. `alike` is the square
+ * of the ratio of the harmonic to the arithmetic mean of the shear moduli: 1 for tissue of one modulus. */
 #include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -17,13 +18,15 @@
 
 enum { CORNERS = 8 };
 
-/* fitted to the sag of the beam of NUMERICS.md, with its error on other bodies */
+/* Fitted to the sag of a beam; NUMERICS.md lists the error on other bodies. */
 static const double part = 0.274, knee = 5.2, order = 1.1;
 
 typedef struct edge_work {
     const pliant_mesh *coarse;
     const uint8_t *fixed;  /* (coarse nodes) */
-    double *weight, *gain; /* (coarse cells) of the tissue in each; and that times what is added to its compliance at an edge of tissue that is alike */
+    /* (coarse cells) weight of the tissue in each cell, and the weight times the added compliance at an edge of
+     * homogeneous tissue. */
+    double *weight, *gain;
     uint8_t *solid;        /* (coarse cells) has an element */
     double alike;
 } edge_work;
@@ -63,7 +66,7 @@ static bool is_held(const edge_work *work, const int32_t *corner, int d, int s)
     return held;
 }
 
-/* a face that is held as a whole, and at right angles to it one that is free */
+/* Return whether the cell has a completely held face at a right angle to a free face. */
 static bool is_at_edge(const edge_work *work, int32_t cell, const int32_t *corner)
 {
     for (int face = 0; face < 6; face++) {

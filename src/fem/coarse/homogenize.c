@@ -1,11 +1,12 @@
-/* A 12 x 12 stiffness for every coarse tetrahedron from its fine submesh.
+/* A 12 x 12 stiffness for every coarse tetrahedron, computed from its fine submesh.
+ * - schur: [H] 1 to 7, as published. It is too soft and fails the patch test, since point loads carry the element
+ *   (NUMERICS.md).
+ * - calibrated: the same, corrected to the exact stiffness of homogeneous material (calibrate.c).
+ * - averaged: the averages of gradient and displacement constrain the submesh (NUMERICS.md). It passes the patch test
+ *   and stays bounded under refinement of the fine mesh.
  *
- * schur:    [H] 1 to 7, as written. Too soft, and fails the patch test: point loads carry the element (NUMERICS.md).
- * calibrated: the same, brought to the right stiffness of homogeneous material (calibrate.c). averaged: the submesh is
- * held by the averages of its gradient and displacement instead (NUMERICS.md): passes the patch
- *           test and stays bounded as the fine mesh is refined.
- * A coarse tetrahedron whose submesh holds fixed fine nodes is grounded: it keeps R = I, since without its rigid null
- * space corotation would be wrong (NUMERICS.md). */
+ * A coarse tetrahedron whose submesh contains fixed fine nodes is grounded: it keeps R = I. Its stiffness has no rigid
+ * null space, so corotation would be wrong (NUMERICS.md). */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/coarse/calibrate.h"
@@ -154,13 +155,13 @@ static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[
     return true;
 }
 
-/* Every 12 x 12 is checked where it is made: one that is not positive semidefinite, up to rounding, would let the
- * solver run away. It cannot come from a positive semidefinite submesh but by rounding: fragments that touch at an edge
- * or a corner alone move without force, and then neither the averages nor the corners determine their shape. */
+/* Return whether a 12 x 12 stiffness is positive semidefinite up to rounding. An indefinite stiffness would make the
+ * solver diverge. Rounding can cause it: fragments that touch only at an edge or a corner move without force. Neither
+ * averages nor corners then determine their shape. */
 static bool is_semidefinite(const double k[144])
 {
     double shifted[144], trace = 0;
-    bool any = false; /* a submesh that is fixed as a whole has none */
+    bool any = false; /* a completely fixed submesh has zero stiffness */
     for (int i = 0; i < 12; i++) trace += k[13 * i];
     for (int m = 0; m < 144; m++) any = any || k[m] != 0;
     memcpy(shifted, k, sizeof shifted);

@@ -50,11 +50,10 @@ pliant_status pliant_lod_ground(pliant_system *system, bool hexahedra, const uin
     return status;
 }
 
-/* Hexahedra of tissue whose volume changes as easily as at a Poisson's ratio of 0.43; what is left out of that goes to
- * lod->bulk. */
+/* Build hexahedra with lambda limited to a Poisson's ratio of 0.43. The excess goes to lod->bulk. */
 static pliant_status make_hexahedra(lod_builder *lod)
 {
-    const double most = 6; /* lambda over mu */
+    const double most = 6; /* maximum lambda / mu */
     const pliant_mesh *fine = lod->system->fine;
     pliant_tet_material *material = pliant_copy_of(lod->material, (size_t)fine->num_tets, sizeof *material);
     int32_t *element = NULL;
@@ -100,14 +99,13 @@ static pliant_status assemble_fine(lod_builder *lod)
     return PLIANT_OK;
 }
 
-/* ---- what it takes */
+/* ---- Cost estimate. */
 
-/* One core of an AVX-512 server needs about this for a corrector: ordering; the factor, whose operations grow as
- * nodes^2 in space (nested dissection) and whose numbers as nodes^(4/3); a solve for every column; and for the
- * macro-element N'(K_C N). */
+/* Costs of a corrector on one core of an AVX-512 server: ordering; factor; a solve for every column; N'(K_C N) for the
+ * macro-element. The factor's operations grow as nodes^2 and its values as nodes^(4/3) in 3D (nested dissection). */
 static const double factor_numbers = 110;
 
-/* fill: a factor of hexahedra has so many times the numbers (fem/linear/NUMERICS.md) */
+/* Return the ratio of a factor's values to those for tetrahedra (NUMERICS.md). */
 static double fill_of(const lod_builder *lod) { return lod->whole.macros ? 1.8 : 1; }
 
 static double seconds_of(double fill, double nodes, double held, double own)

@@ -238,9 +238,10 @@ static void take_held(const patch_problem *patch, int32_t columns, const double 
     }
 }
 
-/* Of K + B B' under Phi'Q = 0: Q = Z_G - [Z_Phi, Z_B] S^-1 [Phi, B]' Z_G in place of Z_G, S = [Phi, B]' [Z_Phi, Z_B]
- * and 1 more on the diagonal of B'Z_B. Means that depend on each other on what little of the patch is free leave that
- * matrix singular: a little is added to its scaled diagonal. */
+/* Apply the constraints Phi'Q = 0 to the solution Z_G of K + B B':
+ *     Q = Z_G - [Z_Phi, Z_B] S^-1 [Phi, B]' Z_G,   S = [Phi, B]' [Z_Phi, Z_B]
+ * with 1 added to the diagonal of B'Z_B. Where few nodes of the patch are free, the means are dependent and the matrix
+ * is singular. A small regularization of its scaled diagonal prevents this. */
 static pliant_status hold_means(patch_problem *patch)
 {
     const double relaxed = 1e-10;

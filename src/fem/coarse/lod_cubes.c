@@ -146,7 +146,7 @@ pliant_status lod_list_cubes(lod_builder *lod)
 pliant_status lod_measure_fine(lod_builder *lod)
 {
     const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;
-    const double massless = 1e-3; /* what has no mass counts a little all the same [kg/m^3] */
+    const double massless = 1e-3; /* density of elements without mass [kg/m^3] */
     size_t count = (size_t)fine->num_nodes;
     lod->mass = pliant_calloc(count, sizeof *lod->mass);
     lod->reach = pliant_calloc(count, 6 * sizeof *lod->reach);

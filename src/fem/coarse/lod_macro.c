@@ -8,8 +8,8 @@
 #include <math.h>
 #include <string.h>
 
-/* one corner after the other, each once: the nodes of the cubes within k, as they count (fem/system.h). Leaves
- * their places in the room's slots. */
+/* List the corners of a macro-element, each once: the nodes of the cubes within k, as in fem/system.h. Their indices
+ * stay in the slots of the work arrays. */
 static int32_t list_corners(const lod_builder *lod, lod_room *room, int32_t cube, int32_t *node, uint8_t *held)
 {
     int32_t near[PLIANT_MAX_NEAR], count = 0;
@@ -219,7 +219,7 @@ static void fill_force(const lod_builder *lod, const lod_room *room, int32_t cub
     }
 }
 
-/* What resists the change of volume of the cube as one; row: room for as many numbers as there are columns */
+/* Add the resistance to the cube's mean change of volume. row: work array with one number per column. */
 static void add_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work, double *row)
 {
     const size_t columns = 3 * (size_t)work->num_corners;
@@ -239,8 +239,8 @@ static void add_bulk(const lod_builder *lod, const lod_room *room, int32_t cube,
         for (size_t j = 0; j <= i; j++) work->matrix[columns * i + j] += row[i] * row[j] / whole;
 }
 
-/* N' K_C N, lower triangle; corners of grounded cubes may move what is fixed alone, and would be left without
- * stiffness */
+/* Compute the lower triangle of N' K_C N. Corners of grounded cubes that move only fixed nodes get a small support
+ * stiffness. */
 static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
 {
     size_t columns = 3 * (size_t)work->num_corners;

@@ -1,11 +1,12 @@
-/* Where a fine node goes with one coarse tetrahedron, by homogenized shape functions N: the same lines for the CPU
- * (upsample.c) and for kernels (cuda/fem/coarse/upsample.cu). Corners are 4 x 3, row-major.
+/* Position of a fine node that follows one coarse tetrahedron by homogenized shape functions N. The CPU (upsample.c)
+ * and kernels (cuda/fem/coarse/upsample.cu) share this code. Corners are 4 x 3, row-major.
  *
- * In the frame of the tetrahedron, [H] 4, 5 and 7:  x_f = R (N u_c + X_f - C) + c,  u_c = R'(x_c - c) - (X_c - C), with
- * c and C the means of its corners now and at rest. That takes for granted that rigid motions pass through N unchanged.
- * Where fixed fine nodes have been removed from the submesh ([H] 4.2) they do not: N carries displacements against
- * something that stays where it is. There R = I and c = C = 0, so that  x_f = X_f + N (x_c - X_c),  as the
- * tetrahedron's forces have it (elements.c). */
+ * In the frame of the tetrahedron ([H] 4, 5 and 7):
+ *     x_f = R (N u_c + X_f - C) + c,  u_c = R'(x_c - c) - (X_c - C)
+ * with c and C the means of its corners in the present and rest state. This form requires that N reproduces rigid
+ * motions. After fixed fine nodes have been removed from the submesh ([H] 4.2) it does not, since N then describes
+ * displacements relative to fixed nodes. There R = I and c = C = 0, so that  x_f = X_f + N (x_c - X_c), as in the
+ * tetrahedron's forces (elements.c). */
 #ifndef PLIANT_FEM_COARSE_SHAPED_H
 #define PLIANT_FEM_COARSE_SHAPED_H
 
@@ -13,7 +14,7 @@
 
 typedef struct pliant_shaped_frame { double rotation[9], centre[3], rest_centre[3]; } pliant_shaped_frame;
 
-/* all but the rotation; f: F = sum of x_v g_v', whose rotation it is */
+/* Compute the frame without its rotation. f: out: F = sum of x_v g_v', from which the caller computes the rotation. */
 PLIANT_INLINE void pliant_shaped_place(const double x[12], const double rest[12], const double gradients[12], double f[9],
                                        pliant_shaped_frame *out)
 {
@@ -27,14 +28,14 @@ PLIANT_INLINE void pliant_shaped_place(const double x[12], const double rest[12]
         }
 }
 
-/* the frame of a tetrahedron whose submesh holds fixed nodes */
+/* Set the frame of a tetrahedron whose submesh has fixed nodes. */
 PLIANT_INLINE void pliant_shaped_ground(pliant_shaped_frame *out)
 {
     for (int m = 0; m < 9; m++) out->rotation[m] = m % 4 == 0;
     for (int d = 0; d < 3; d++) out->centre[d] = out->rest_centre[d] = 0;
 }
 
-/* shape: N, 3 x 12; node: X_f */
+/* Compute the position of a fine node. shape: N, 3 x 12; node: X_f. */
 PLIANT_INLINE void pliant_shaped_position(const pliant_shaped_frame *frame, const double x[12], const double rest[12], const double *shape,
                                           const double *node, double out[3])
 {
@@ -53,7 +54,7 @@ PLIANT_INLINE void pliant_shaped_position(const pliant_shaped_frame *frame, cons
         out[d] = rotation[3 * d] * local[0] + rotation[3 * d + 1] * local[1] + rotation[3 * d + 2] * local[2] + frame->centre[d];
 }
 
-/* dx_f / dx_v of one of so many corners with the rotation kept ([H] 9 and 11): R N_v R', 3 x 3 */
+/* Compute dx_f / dx_v of one of the corners with constant rotation ([H] 9 and 11): R N_v R', 3 x 3. */
 PLIANT_INLINE void pliant_shaped_weight(const double rotation[9], const double *shape, int corners, int v, double out[9])
 {
     for (int i = 0; i < 3; i++)

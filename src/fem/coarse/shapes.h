@@ -1,4 +1,4 @@
-/* Homogenized shape functions of coarse elements, as they are found, and by fine node ([H] 2.3). */
+/* Homogenized shape functions of coarse elements, listed by element and by fine node ([H] 2.3). */
 #ifndef PLIANT_FEM_COARSE_SHAPES_H
 #define PLIANT_FEM_COARSE_SHAPES_H
 
@@ -8,17 +8,17 @@
 extern "C" {
 #endif
 
-/* Of one element. */
+/* Shape functions of one element. */
 typedef struct pliant_shapes {
     int32_t count;
     int32_t *node;             /* (count) fine nodes */
     double *shape;             /* (count x 9 corners) */
 } pliant_shapes;
 
-/* Room for those of a submesh, and its nodes. Errors: MEMORY. */
+/* Allocate the shape functions of a submesh and copy its nodes. Errors: MEMORY. */
 pliant_status pliant_shapes_of(const pliant_submesh *submesh, int corners, pliant_shapes *out);
 void pliant_shapes_free(pliant_shapes *lists, int32_t count); /* Nullable */
-/* system->upsample of all elements of it, with so many corners each or fewer. Errors: MEMORY. */
+/* Build system->upsample from all elements' shape functions. corners: maximum number per element. Errors: MEMORY. */
 pliant_status pliant_shapes_sort(pliant_system *system, int corners, const pliant_shapes *lists);
 
 #ifdef __cplusplus

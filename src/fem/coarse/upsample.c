@@ -83,7 +83,7 @@ pliant_status pliant_upsample_trilinear(pliant_system *system, const int32_t *el
             pliant_trilinear_weights(system, macros->cell[element], fine->rest + 3 * n, weights);
             continue;
         }
-        memcpy(gradients, macros->gradient + 24 * (size_t)element, sizeof gradients); /* beside a cut: a tetrahedron */
+        memcpy(gradients, macros->gradient + 24 * (size_t)element, sizeof gradients); /* next to a cut: a tetrahedron */
         const double *origin = system->mesh->rest + 3 * nodes[0];
         for (int v = 0; v < 4; v++) {
             weights[v] = v == 0;

@@ -1,11 +1,10 @@
-/* One corotational tetrahedron, for loops of the CPU (elements.c, rotation.h, scalar.c) and for kernels
- * (cuda/fem/element/forces.cu): the same lines for both. Matrices are 9, row-major; corners, gradients and forces 4 x
- * 3.
+/* One corotational tetrahedron. Loops of the CPU (elements.c, rotation.h, scalar.c) and kernels
+ * (cuda/fem/element/forces.cu) share this code. Matrices have 9 numbers, row-major. Corners, gradients and forces are 4
+ * x 3.
  *
- * F = sum over corners of x_v g_v' (any textbook on finite elements, e.g. Bonet and Wood, 9.2), R the rotation nearest
- * to it. With the strain e = sym(R'F) - I, isotropic tissue has the stress T = 2 mu e + lambda tr(e) I in the frame of
- * the element, and f_v = V R T g_v holds it in this state: the same as R K (R'x - X) (Mueller and Gross 2004) without
- * K. */
+ * F = sum over corners of x_v g_v' (e.g. Bonet and Wood, 9.2), and R is the rotation nearest to F. With the strain e =
+ * sym(R'F) - I, isotropic tissue has the stress T = 2 mu e + lambda tr(e) I in the frame of the element. The corner
+ * forces are f_v = V R T g_v. They equal R K (R'x - X) (Mueller and Gross 2004), without storing K. */
 #ifndef PLIANT_FEM_ELEMENT_COROTATIONAL_H
 #define PLIANT_FEM_ELEMENT_COROTATIONAL_H
 
@@ -25,13 +24,15 @@ PLIANT_INLINE void pliant_deformation(const double x[12], const double gradients
                            (x[9 + r] - x[r]) * gradients[9 + c];
 }
 
-/* ---- R: Newton's iteration X <- (s X + X^-T / s) / 2 from F on (Higham 1986) */
+/* ---- R: Newton's iteration X <- (s X + X^-T / s) / 2 from F (Higham 1986). */
 
 enum { PLIANT_ROTATION_PASSES = 12 };
-static const double pliant_rotation_moved = 1e-15; /* squares of a pass's change; Newton doubles the digits, so that it is the last one */
+/* Stop at this sum of squared changes. Newton's method doubles the number of digits, so the pass after it would change
+ * nothing. */
+static const double pliant_rotation_moved = 1e-15;
 
-/* above 0: neither flat nor inverted, and the iteration finds R; otherwise the signed decomposition does
- * (signed_svd.h) */
+/* Return a positive value if the element is neither flat nor inverted. The iteration then finds R; otherwise use the
+ * signed decomposition (signed_svd.h). */
 PLIANT_INLINE double pliant_rotation_regular(const double f[9])
 {
     double norm = 0;
@@ -40,8 +41,8 @@ PLIANT_INLINE double pliant_rotation_regular(const double f[9])
     return pliant_determinant(f) - 1e-4 * norm * sqrt(norm);
 }
 
-/* One pass; the sum of squares of what it changed. Scaling by s^2 = |X^-1| / |X| (Frobenius) far from a rotation only,
- * in the first passes; near it, it is 1 anyway. */
+/* Run one pass and return the sum of its squared changes. The scaling s^2 = |X^-1| / |X| (Frobenius) is used in the
+ * first passes only. Near a rotation it is 1. */
 PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
 {
     const double cofactor[9] = {x[4] * x[8] - x[5] * x[7], x[5] * x[6] - x[3] * x[8], x[3] * x[7] - x[4] * x[6],
@@ -68,17 +69,17 @@ PLIANT_INLINE double pliant_rotation_pass(int pass, double x[9])
     return moved;
 }
 
-/* ---- isotropic tissue */
+/* ---- Isotropic tissue. */
 
-/* Row r, column c of the block of corners a and b in K: gradients of their shape functions, times volume lambda and
- * volume mu. */
+/* Return row r, column c of the block of two corners in K, from the gradients of their shape functions. lambda, mu:
+ * multiplied by the volume. */
 PLIANT_INLINE double pliant_isotropic_entry(const double a[3], const double b[3], double lambda, double mu, int r, int c)
 {
     const double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     return lambda * a[r] * b[c] + mu * (a[c] * b[r] + (r == c ? dot : 0));
 }
 
-/* e: xx yy zz xy xz yz */
+/* Compute the strain e: xx yy zz xy xz yz. */
 PLIANT_INLINE void pliant_corotational_strain(const double f[9], const double r[9], double e[6])
 {
     double s[9];
@@ -94,7 +95,7 @@ PLIANT_INLINE void pliant_corotational_strain(const double f[9], const double r[
     e[5] = 0.5 * (s[5] + s[7]);
 }
 
-/* T, in the same order; of moduli times the volume: that of the element */
+/* Compute the stress T in the same order. With moduli times volume, it is multiplied by the volume as well. */
 PLIANT_INLINE void pliant_corotational_stress(const double e[6], double lambda, double mu, double stress[6])
 {
     const double pressure = lambda * (e[0] + e[1] + e[2]), twice = 2 * mu;
@@ -123,10 +124,11 @@ PLIANT_INLINE void pliant_corotational_force(const double f[9], const double r[9
             out[3 * v + a] = p[3 * a] * gradients[3 * v] + p[3 * a + 1] * gradients[3 * v + 1] + p[3 * a + 2] * gradients[3 * v + 2];
 }
 
-/* ---- homogenized: f = R K (R'x - X), [H] 2.2 */
+/* ---- Homogenized elements: f = R K (R'x - X), [H] 2.2. */
 
-/* stiffness: K's entry (a, b) is at stride (12 a + b). Positions count from corner 0, so that a large translation costs
- * no digits; an element that leans on fixed nodes (grounded, R = I) does feel it. */
+/* Compute the forces of a homogenized element. K's entry (a, b) is at stride (12 a + b). Positions are relative to
+ * corner 0, which avoids cancellation under a large translation. A grounded element (R = I) uses absolute positions,
+ * since it resists translation. */
 PLIANT_INLINE void pliant_homogenized_force(const double *stiffness, size_t stride, const double x[12], const double rest[12],
                                             const double r[9], bool grounded, double out[12])
 {

@@ -5,7 +5,7 @@
 #include "fem/element/corotational.h"
 #include "fem/system.h"
 
-/* corner positions of a block of elements: x (12 x LANES) */
+/* Load the corner positions of a block of elements: x (12 x LANES). */
 static inline void load_corners(const pliant_system *system, const double *positions, int32_t block, double x[12][LANES])
 {
     const pliant_mesh *mesh = system->mesh;
@@ -28,7 +28,7 @@ static inline __attribute__((always_inline)) void deformation_of(double x[12][LA
     }
 }
 
-/* R = I where an element says so */
+/* Set R = I for grounded elements. */
 static inline void ground(const uint8_t grounded[LANES], double rotations[9][LANES])
 {
     for (int l = 0; l < LANES; l++)

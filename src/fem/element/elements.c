@@ -35,14 +35,15 @@ static void make_element(pliant_system *system, const pliant_tet_material *mater
     system->lame[block][1][lane] = tet == e ? volume * material[tet].mu : 0;
 }
 
-/* Those of before, where kept; what is said of blocks is said once for each. */
+/* Copy kept elements of another system. Per-block data is copied for complete blocks. */
 static pliant_status make_next(pliant_system *system, const pliant_tet_material *material, const pliant_system *before, const uint8_t *kept)
 {
     const int32_t tets = system->mesh->num_tets, blocks = before->num_blocks < system->num_blocks ? before->num_blocks : system->num_blocks;
     const size_t count = (size_t)system->num_blocks, same = (size_t)blocks;
     system->gradients = pliant_next_of(before->gradients, same, count, sizeof *system->gradients);
     system->lame = pliant_next_of(before->lame, same, count, sizeof *system->lame);
-    const bool fill_before = before->grounded && !before->stiffness; /* of homogenized ones it says something else */
+    /* For homogenized elements it has another meaning. */
+    const bool fill_before = before->grounded && !before->stiffness;
     if (fill_before) system->grounded = pliant_next_of(before->grounded, same * LANES, count * LANES, sizeof *system->grounded);
     if (!system->gradients || !system->lame || (fill_before && !system->grounded)) return pliant_fail_memory("the elements");
     bool any = false;
@@ -162,13 +163,14 @@ void pliant_system_element_forces(const pliant_system *system, const double *pos
     }
 }
 
-/* Twists of the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient the forces are: turning an
- * element by a small w out of its R, while its stretch S = R'F stays, costs  w' D w  with
+/* Compute the twist stiffness from the isotropic energy mu |F - R|^2 + lambda / 2 tr(R'F - I)^2, whose gradient is the
+ * force. Rotating an element by a small w relative to R, at constant stretch S = R'F, costs the energy w' D w with
  *     D = R (2 mu I + 2 (lambda tr(S - I) - 2 mu) (tr(S) I - S)^-1) R'
- * beyond the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
+ * in addition to the warped stiffness R K R' (twist modes of Smith, de Goes, Kim 2019, Analytic eigensystems, 4.2). */
 static void twist_of(const double f[9], const double r[9], double lambda, double mu, pliant_twist part, double out[6])
 {
-    const double least = 0.2; /* eigenvalues of tr(S) I - S, sums of two stretches, are kept above: only flat elements go below */
+    const double least = 0.2; /* lower bound for eigenvalues of tr(S) I - S, which are sums of two stretches; only flat
+                               * elements are below it */
     double s[9], m[6], values[3], vectors[9], d[6], trace, norm = 0;
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) s[3 * a + b] = r[a] * f[b] + r[3 + a] * f[3 + b] + r[6 + a] * f[6 + b];

@@ -1,12 +1,16 @@
-/* Trilinear hexahedra on the cubes of the lattice: the change of volume is the same everywhere in a cube, the change of
- * shape is the trilinear one (mean dilatation: Nagtegaal, Parks, Rice 1974; B-bar: Hughes, Int. J. Numer. Meth. Engng
- * 15:1413, 1980). With one rotation a cube (Mueller and Gross 2004) its stiffness is constant:
- *     K = sum over t of mu_t int_t (2 e : e - 2/3 div^2) + (sum over t of V_t kappa_t) b b',   b = mean of the gradients, kappa = lambda + 2/3 mu,
- * over the five tetrahedra t of the cube, which carry the voxels' material: [H] 2.1 taken over a cube. A fourth of it
- * is another cube's: that one's displacement has the incompatible modes of Taylor, Beresford and Wilson (Int. J. Numer.
- * Meth. Engng 10:1211, 1976), which are condensed, and its change of volume is linear in the cube, so that it bends as
- * a beam does at any Poisson's ratio. Beside a cut parts of cubes are hexahedra, too, with their part of the material
- * (hexahedra_cells.c); what is no such part stays tetrahedra. */
+/* Trilinear hexahedra on the cubes of the lattice. The change of volume is constant in a cube, and the change of shape
+ * is trilinear (mean dilatation: Nagtegaal, Parks, Rice 1974; B-bar: Hughes, Int. J. Numer. Meth. Engng 15:1413, 1980).
+ * With one rotation per cube (Mueller and Gross 2004) the stiffness is constant:
+ *     K = sum over t of mu_t int_t (2 e : e - 2/3 div^2) + (sum over t of V_t kappa_t) b b'
+ * b is the mean of the gradients, and kappa = lambda + 2/3 mu. The sums are over the five tetrahedra t of the cube,
+ * which carry the voxels' material. This is [H] 2.1 applied to a cube.
+ *
+ * A fourth of the stiffness comes from another formulation. Its displacement has the condensed incompatible modes of
+ * Taylor, Beresford and Wilson (Int. J. Numer. Meth. Engng 10:1211, 1976), and its change of volume is linear in the
+ * cube. It bends like a beam at any Poisson's ratio.
+ *
+ * Next to a cut, parts of cubes are hexahedra as well, with their part of the material (hexahedra_cells.c). All other
+ * fragments stay tetrahedra. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -67,16 +71,16 @@ static void add_deviatoric(double gradient[ENHANCED][3], double weight, double *
         }
 }
 
-/* What the integrals of a cube share: its corners, the map in its middle, and the change of volume as linear in the
- * cube, of the corners' displacements */
+/* Data shared by the integrals of a cube: corners, Jacobian in the middle, and the change of volume as a linear
+ * function in the cube. */
 typedef struct cube_frame {
     double x[CORNERS][3], middle[9], determinant;
-    double dilation[4][UNKNOWNS];  /* mean, and along each axis */
+    double dilation[4][UNKNOWNS];  /* mean, and slope along each axis */
 } cube_frame;
 
-/* The gradients of the corners' shape functions, and of the incompatible modes 1/2 s_d^2, s from the middle, scaled so
- * that their mean is zero (Taylor, Beresford, Wilson, Int. J. Numer. Meth. Engng 10:1211, 1976). Returns the
- * determinant of the map. */
+/* Compute the gradients of the corners' shape functions and of the incompatible modes 1/2 s_d^2, with s from the
+ * middle. The modes are scaled to a mean gradient of zero (Taylor, Beresford, Wilson, Int. J. Numer. Meth. Engng
+ * 10:1211, 1976). Return the determinant of the map. */
 static double gradients_at(cube_frame *frame, const double at[3], double gradient[ENHANCED][3])
 {
     const double determinant = pliant_cube_gradients(frame->x, at, gradient);
@@ -122,8 +126,8 @@ static void add_dilation(const cube_frame *frame, const double at[3], double gra
         for (int j = 0; j < MODES; j++) out[MODES * i + j] += weight * change[i] * change[j];
 }
 
-/* Gauss points of a tetrahedron: those of the cube, collapsed (Stroud 1971); exact for the products of gradients in a
- * box */
+/* Integrate over one tetrahedron with the collapsed Gauss points of the cube (Stroud 1971). The rule is exact for
+ * products of gradients in a box. */
 static void integrate_slot(cube_frame *frame, const int corners[4], double *deviatoric, double *dilation, double *volume, double mean[UNKNOWNS],
                            double load[CORNERS])
 {

@@ -1,5 +1,5 @@
-/* Which tetrahedra of a lattice are a hexahedron: the five of a cube that meet at eight nodes, or, beside a cut,
- * fragments of all five that do. */
+/* Finds the tetrahedra of a lattice that form hexahedra: the five tetrahedra of a cube that meet at eight nodes, or
+ * five fragments next to a cut that do so. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -33,8 +33,11 @@ size_t pliant_count_cells(const pliant_mesh *mesh)
     return mesh->lattice_of_tet ? (size_t)mesh->cells[0] * (size_t)mesh->cells[1] * (size_t)mesh->cells[2] : (size_t)mesh->num_leaves;
 }
 
-/* (cells) the first tetrahedron of each, -1: none; (num_tets) the next one; (cells) how many. among: Nullable: (tets)
- * those to look at, ascending; NULL: the first ones */
+/* List tetrahedra by cell.
+ * @param among  Nullable: (tets) tetrahedra to list, ascending; NULL: the first `tets` ones.
+ * @param first  (cells) first tetrahedron of each cell, -1: none.
+ * @param next   (num_tets) next tetrahedron of the same cell.
+ * @param count  (cells) number of tetrahedra. */
 static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tets, int32_t cells, int32_t *first, int32_t *next, int32_t *count)
 {
     for (int32_t cell = 0; cell < cells; cell++) first[cell] = -1;
@@ -80,9 +83,9 @@ static int shared_nodes(const pliant_mesh *mesh, int32_t a, int32_t b)
     return count;
 }
 
-/* What is left of a divided cube on one side of a cut: a fragment of its middle and on each of that one's faces one
- * that it shares the nodes with. They move as the cube did, with their part of its stiffness and mass. count: those of
- * the cell that there are already, behind which it goes */
+/* Return whether the fragments on one side of a cut form a part of a cube: a fragment of the middle tetrahedron, and
+ * adjacent fragments that share its faces. They move like the cube, with their part of its stiffness and mass. count:
+ * parts of the cell found so far; the new part is appended. */
 static bool is_part(const pliant_cell_lists *lists, int32_t cell, int32_t middle, int32_t count)
 {
     const pliant_mesh *mesh = lists->mesh;

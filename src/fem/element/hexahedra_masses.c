@@ -1,4 +1,4 @@
-/* Consistent masses of hexahedra, and of the tetrahedra beside them. */
+/* Consistent masses of hexahedra and of the adjacent tetrahedra. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -9,15 +9,15 @@
 typedef struct masses {
     const pliant_mesh *mesh;
     const pliant_tet_material *material;
-    const uint8_t *anew;       /* Nullable: (nodes) those that are found; NULL: all */
-    int32_t *tet, count;       /* all tetrahedra of the cubes around them, ascending */
+    const uint8_t *anew;       /* Nullable: (nodes) nonzero: compute this node; NULL: all nodes */
+    int32_t *tet, count;       /* all tetrahedra of the cubes around these nodes, ascending */
     double *mass;
 } masses;
 
 static pliant_status no_memory(void) { return pliant_fail_memory("the masses"); }
 
-/* Nodes at the corners of cubes with a tetrahedron that is not kept, which may be whole no more, and nodes that there
- * were not: anew (num_nodes). Errors: MEMORY. */
+/* Mark the corners of cubes with a changed tetrahedron, which may be incomplete after the cut, and all new nodes.
+ * `anew`: (num_nodes). Errors: MEMORY. */
 static pliant_status mark_anew(const pliant_mesh *mesh, int32_t nodes_before, const uint8_t *kept, uint8_t *anew)
 {
     const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;
@@ -32,7 +32,8 @@ static pliant_status mark_anew(const pliant_mesh *mesh, int32_t nodes_before, co
     return PLIANT_OK;
 }
 
-/* The tetrahedra of cubes with a corner at such a node's place; near: (cells) zeroed. anew NULL: all */
+/* List the tetrahedra of cubes with a corner at a marked node's lattice position. near: (cells) zeroed. `anew` NULL:
+ * all. */
 static void list_tets(const pliant_mesh *mesh, const uint8_t *anew, uint8_t *near, masses *work)
 {
     const int32_t *cells = mesh->cells, nx = cells[0] + 1, ny = cells[1] + 1;
@@ -68,7 +69,7 @@ static void add_tet(masses *work, int32_t tet)
     for (int v = 0; v < 4; v++) add(work, work->mesh->tets[4 * (size_t)tet + (size_t)v], fourth);
 }
 
-/* cubes first, then tetrahedra, so that sums are in one order whatever is kept */
+/* Add cubes first and then tetrahedra, so that the order of the sums does not depend on the kept nodes. */
 static pliant_status add_all(masses *work)
 {
     const pliant_mesh *mesh = work->mesh;
@@ -101,7 +102,7 @@ static void clear(masses *work)
     }
 }
 
-/* work's anew and mass are there */
+/* Compute the marked masses. The caller sets `anew` and mass. */
 static pliant_status find(masses *work)
 {
     const pliant_mesh *mesh = work->mesh;

@@ -12,7 +12,8 @@ static void cofactor_of(const double f[9], double c[9])
         }
 }
 
-/* ln J, going on as the parabola whose slope is the straight line that stands for 1 / J */
+/* Return ln J. Below the smallest ratio it continues as the parabola whose slope is the linear continuation of 1 /
+ * J. */
 static double logarithm(double ratio)
 {
     const double least = PLIANT_SMALLEST_RATIO;

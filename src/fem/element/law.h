@@ -1,20 +1,17 @@
-/* Strain energies of isotropic tissue behind one interface: how stiff an element answers to its deformation gradient F.
+/* Strain energies of isotropic tissue, as functions of an element's deformation gradient F.
  *
- * With H = F - I, J = det F, C = F'F, I1 = tr C and cof F = J F^-T, the first Piola-Kirchhoff stress of each law is
- * written as
- *     P = a (F - cof F) + b cof F        or, where c is asked for,        P = F S
- * with a, b functions of I1 - 3 and J - 1. F - cof F = H + H' - tr(H) I - cof H and J - 1 = tr H + tr(cof H) + det H
- * lose no digits near rest, which matters in single precision.
+ * With H = F - I, J = det F, C = F'F, I1 = tr C and cof F = J F^-T, the first Piola-Kirchhoff stress has the form
+ *     P = a (F - cof F) + b cof F        or, for a law in terms of C,        P = F S
+ * where a and b are functions of I1 - 3 and J - 1. The forms F - cof F = H + H' - tr(H) I - cof H and J - 1 = tr H +
+ * tr(cof H) + det H avoid cancellation near rest, which matters in single precision.
+ * - neo_hookean: W = mu/2 (I1 - 3) - mu ln J + lambda/2 (J - 1)^2, so S = mu (I - C^-1) + lambda J (J - 1) C^-1. This
+ *   is equation 10 of [C], with J (J - 1) read as a product.
+ * - compressible: W = mu/2 (J^(-2/3) I1 - 3) + kappa/4 (J^2 - 1 - 2 ln J), kappa = lambda + 2/3 mu (Miehe 1994;
+ *   Holzapfel 2000, 6.5).
+ * - saint_venant_kirchhoff: S = lambda tr(E) I + 2 mu E, E = (C - I) / 2.
  *
- * neo_hookean: W = mu/2 (I1 - 3) - mu ln J + lambda/2 (J - 1)^2, so S = mu (I - C^-1) + lambda J (J - 1) C^-1. This is
- * equation 10 of
- *     [C], with its product J (J - 1) read as such.
- * compressible: W = mu/2 (J^(-2/3) I1 - 3) + kappa/4 (J^2 - 1 - 2 ln J), kappa = lambda + 2/3 mu (Miehe 1994; Holzapfel
- * 2000, 6.5). saint_venant_kirchhoff: S = lambda tr(E) I + 2 mu E, E = (C - I) / 2.
- *
- * 1/J, and with it ln J and J^(-2/3), has no value for elements that are flat or inverted. Below J = 0.3 they go on as
- * straight lines (the energy as a parabola), so that an element is pushed back through the flat state; above, the laws
- * are as written. */
+ * 1/J, ln J and J^(-2/3) are undefined for flat or inverted elements. Below J = 0.3, 1/J and J^(-2/3) continue as
+ * straight lines and the energy as a parabola. An inverted element is therefore pushed back through the flat state. */
 #ifndef PLIANT_FEM_ELEMENT_LAW_H
 #define PLIANT_FEM_ELEMENT_LAW_H
 
@@ -27,9 +24,8 @@ extern "C" {
 
 #define PLIANT_SMALLEST_RATIO 0.3
 
-/* For a floating type: the terms of the stress. `shear` is b without what resists a change of volume, `volume` what
- * does, so b = shear + volume; volume is linear in the modulus that pliant_law_modulus names, for pressures at
- * nodes. */
+/* Define the terms of the stress for a floating type. b = shear + volume: `volume` resists a change of volume, `shear`
+ * is the rest. `volume` is linear in the modulus that pliant_law_modulus returns, as needed for nodal pressures. */
 #define PLIANT_DEFINE_LAW_TERMS(real, name)                                                                                      \
     PLIANT_INLINE real name##_reciprocal(real ratio)                                                                             \
     {                                                                                                                            \
@@ -37,7 +33,7 @@ extern "C" {
         real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least;                                \
         return ratio > least ? 1 / kept : below;                                                                                 \
     }                                                                                                                            \
-    /* J^(-1/3) by Newton's method from below: from the tangents of its inverse at 1 and at 8 */                                 \
+    /* J^(-1/3) by Newton's method from below, starting at the larger tangent of its inverse at 1 and 8 */                                 \
     PLIANT_INLINE real name##_root(real ratio)                                                                                   \
     {                                                                                                                            \
         real y = 3 / (2 + ratio), far = 12 / (16 + ratio);                                                                       \
@@ -53,7 +49,7 @@ extern "C" {
         *slope = -(real)(2.0 / 3) * root * root / kept;                                                                          \
         *power = root * root + (ratio > least ? 0 : *slope * (ratio - least));                                                   \
     }                                                                                                                            \
-    /* what resists a change of volume, for a modulus of 1 */                                                                    \
+    /* volume term for a modulus of 1 */                                                                    \
     PLIANT_INLINE real name##_volume(pliant_law law, real change)                                                                \
     {                                                                                                                            \
         if (law != PLIANT_LAW_COMPRESSIBLE) return change;                                                                       \
@@ -80,20 +76,21 @@ extern "C" {
 PLIANT_DEFINE_LAW_TERMS(double, pliant_law_double)
 PLIANT_DEFINE_LAW_TERMS(float, pliant_law_float)
 
-/* what multiplies the volume term: lambda, or kappa */
+/* Return the modulus of the volume term: lambda or kappa. */
 static inline double pliant_law_modulus(pliant_law law, double lambda, double mu)
 {
     return law == PLIANT_LAW_COMPRESSIBLE ? lambda + mu * (2.0 / 3) : lambda;
 }
 
-/* Energy density [J/m^3] of a deformation gradient (9, row-major) and, Nullable, its first Piola-Kirchhoff stress
- * [Pa]. */
+/* Return the energy density [J/m^3] of a deformation gradient (9, row-major). stress: Nullable: out: first
+ * Piola-Kirchhoff stress (9) [Pa]. */
 double pliant_law_response(pliant_law law, double lambda, double mu, const double deformation[9], double stress[9]);
 
-/* Cauchy stress P F' / J [Pa], symmetric: xx yy zz xy xz yz. false: the element is flat or inverted and has none. */
+/* Compute the Cauchy stress P F' / J [Pa], symmetric: xx yy zz xy xz yz. Return false if the element is flat or
+ * inverted. */
 bool pliant_law_cauchy(pliant_law law, double lambda, double mu, const double deformation[9], double stress[6]);
 
-/* Eigenvalues of a symmetric matrix (xx yy zz xy xz yz), largest last. */
+/* Compute the eigenvalues of a symmetric matrix (xx yy zz xy xz yz), in ascending order. */
 void pliant_symmetric_eigenvalues(const double m[6], double out[3]);
 
 #ifdef __cplusplus

@@ -10,12 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* rotations of a block of cubes; function of its own, so that it becomes vector code */
+/* Compute the rotations of a block of cubes. A separate function lets the compiler vectorize it. */
 PLIANT_VECTORIZED static void rotations_of(double f[9][LANES], double out[9][LANES]) { pliant_rotations(f, out); }
 
 static const double *rest_of(const pliant_system *system) { return system->macros->rest ? system->macros->rest : system->mesh->rest; }
 
-/* of cubes [first, first + LANES) */
+/* Compute the frames of cubes [first, first + LANES). */
 static void frames_of(const pliant_system *system, const double *x, int32_t first, pliant_macro_frame out[LANES])
 {
     const pliant_macros *macros = system->macros;
@@ -145,8 +145,8 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* unknowns from column on that share a cube with it, ascending: rows, room for num_free; seen: which column looked
- * last */
+/* List the unknowns >= column that share a cube with it, ascending. rows: (num_free) out; seen: (num_free) last column
+ * that listed each unknown, + 1. Return their number. */
 static int32_t rows_of(const pliant_system *system, const int32_t *cube_of_corner, int32_t column, int32_t *seen, int32_t *rows)
 {
     const pliant_macros *macros = system->macros;
@@ -265,7 +265,7 @@ void pliant_macro_column(const pliant_system *system, const pliant_tangent *tang
     for (int32_t a = 0; a < n / 3; a++) turned_block(r, k, n, a, blocks + 9 * a);
 }
 
-/* what one corner adds to its column of the matrix */
+/* Add the contribution of one corner to its column of the matrix. */
 static void add_column(const pliant_system *system, const pliant_tangent *tangents, int32_t column, int32_t corner, double *values)
 {
     const pliant_macros *macros = system->macros;
@@ -308,7 +308,7 @@ double pliant_macro_operations(const pliant_system *system)
     return sum;
 }
 
-/* where a cube has a node twice, with what is between the two */
+/* If a cube has a node at two corners, the trace includes the blocks between them. */
 double pliant_macro_trace(const pliant_macros *macros, const int32_t *free_of_node, int32_t element)
 {
     const int32_t begin = macros->start[element], end = macros->start[element + 1], n = 3 * (end - begin);

@@ -1,5 +1,5 @@
-/* One macro-element (fem/system.h) at one state, for the CPU (macro.c) and for kernels (cuda/fem/element/macro.cu): the
- * same lines for both. */
+/* One macro-element (fem/system.h) in one state, shared by the CPU (macro.c) and kernels
+ * (cuda/fem/element/macro.cu). */
 #ifndef PLIANT_FEM_ELEMENT_MACRO_ELEMENT_H
 #define PLIANT_FEM_ELEMENT_MACRO_ELEMENT_H
 
@@ -10,10 +10,10 @@
 
 typedef struct pliant_macro_frame { double rotation[9], centre[3], rest_centre[3]; } pliant_macro_frame;
 
-/* all but the rotation, which is that of f = sum of x_v g_v'
- * @param own       (8) nodes of the cube, or -1
- * @param gradient  (8 x 3) g
- * @param x, rest   of all nodes */
+/* Compute the frame without its rotation. f: out: sum of x_v g_v', from which the caller computes the rotation.
+ * @param own       (8) nodes of the cube, or -1.
+ * @param gradient  (8 x 3) g.
+ * @param x, rest   Positions of all nodes. */
 PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient, const double *x, const double *rest, double f[9],
                                       pliant_macro_frame *out)
 {
@@ -33,7 +33,7 @@ PLIANT_INLINE void pliant_macro_place(const int32_t *own, const double *gradient
             for (int c = 0; c < 3; c++) f[3 * r + c] += (x[3 * own[v] + r] - out->centre[r]) * gradient[3 * v + c];
 }
 
-/* q of a corner at x, X at rest */
+/* Compute q of a corner at x with rest position X. */
 PLIANT_INLINE void pliant_macro_corner(const pliant_macro_frame *frame, bool held, const double *x, const double *rest, double q[3])
 {
     const double *r = frame->rotation;
@@ -42,13 +42,13 @@ PLIANT_INLINE void pliant_macro_corner(const pliant_macro_frame *frame, bool hel
     for (int d = 0; d < 3; d++) q[d] = r[d] * y[0] + r[3 + d] * y[1] + r[6 + d] * y[2] - (held ? 0 : rest[d] - frame->rest_centre[d]);
 }
 
-/* w turned with the cube: R w */
+/* Rotate w with the cube: R w. */
 PLIANT_INLINE void pliant_macro_turn(const double r[9], const double w[3], double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = r[3 * d] * w[0] + r[3 * d + 1] * w[1] + r[3 * d + 2] * w[2];
 }
 
-/* N q of a fine node, of the entries [begin, end) of its cube */
+/* Compute N q of a fine node from the entries [begin, end) of its cube. */
 PLIANT_INLINE void pliant_macro_shaped(int32_t begin, int32_t end, const uint16_t *entry_corner, const float *entry_shape, const double *q,
                                        double out[3])
 {
@@ -60,7 +60,7 @@ PLIANT_INLINE void pliant_macro_shaped(int32_t begin, int32_t end, const uint16_
     }
 }
 
-/* the same of an element with so many corners, shape: N, 3 x 3 corners, row-major */
+/* Compute the same for an element with so many corners. shape: N, 3 x 3 corners, row-major. */
 PLIANT_INLINE void pliant_macro_shaped_by_all(int corners, const double *shape, const double *q, double out[3])
 {
     for (int d = 0; d < 3; d++) {
@@ -69,8 +69,8 @@ PLIANT_INLINE void pliant_macro_shaped_by_all(int corners, const double *shape, 
     }
 }
 
-/* Where a fine node goes, x at rest, w = N q. As displacements, so that it is at rest exactly where the corners are:
- * (c - C) + (R - I)(X - C) + R w, or w alone where the cube is grounded. */
+/* Move a fine node from its rest position x, with w = N q. The sum of displacements is exact at rest: (c - C) + (R -
+ * I)(X - C) + R w, or w alone if the cube is grounded. */
 PLIANT_INLINE void pliant_macro_follow(const pliant_macro_frame *frame, bool grounded, const double w[3], double x[3])
 {
     const double *r = frame->rotation;

@@ -1,12 +1,14 @@
-/* Hexahedra on the leaves of an octree. What lies in the middle of an edge or face of a larger leaf follows its corners
- * (Hughes, The Finite Element Method, 3.A), so that displacements are the same on both sides: u = C u_m, and an element
- * with such corners has C'KC on the nodes that they follow. These are eight again: a corner that follows is a middle of
- * the cube twice the size that was split into this leaf and its seven brothers, and follows the corners of that cube on
- * this edge or face, of which one is opposite. None of them follows itself: a brother has it as its corner, and would
- * share an edge with a leaf four times its size.
+/* Hexahedra on the leaves of an octree. A node in the middle of a larger leaf's edge or face follows that leaf's
+ * corners (Hughes, The Finite Element Method, 3.A). Displacements u = C u_m are then equal on both sides. An element
+ * with such corners has C'KC on the followed nodes.
  *
- * Leaves that a cut has parted are tetrahedra, whose corners follow nothing: so are larger leaves that have one of
- * those corners in their middle, and what would follow nodes that a cut has made two of. */
+ * There are again eight followed nodes. A following corner is a middle of the parent cube, which has twice the leaf's
+ * size. It follows the parent's corners on this edge or face, one of which is the leaf's opposite corner. No followed
+ * node is a follower itself: the sibling leaf with this corner would then share an edge with a leaf of four times its
+ * size.
+ *
+ * Leaves divided by a cut are tetrahedra, whose corners follow no nodes. Larger leaves with such a corner in the middle
+ * of an edge or face are tetrahedra as well, and so are leaves whose followers would follow duplicated nodes. */
 #include "base/fail.h"
 #include "fem/element/hexahedra.h"
 #include "mesh/octree.h"
@@ -55,7 +57,8 @@ static void find_leaves(leaves *work)
     }
 }
 
-/* Nodes of a leaf by place; false: a cut has added a tetrahedron to it, or a node to a place. */
+/* Find the nodes of a leaf by position. Return false if a cut has added a tetrahedron to the leaf or duplicated a
+ * node. */
 static bool find_places(leaves *work, int32_t leaf)
 {
     const pliant_mesh *mesh = work->mesh;
@@ -74,9 +77,9 @@ static bool find_places(leaves *work, int32_t leaf)
     return whole && tets == mesh->leaf_start[leaf + 1] - mesh->leaf_start[leaf];
 }
 
-/* ---- what follows */
+/* ---- Followers. */
 
-/* The trilinear weights of a place, and the nodes that they are of. */
+/* Compute the trilinear weights of a position in the leaf, and the leaf's corner nodes. */
 static void follow_corners(const leaves *work, int32_t leaf, int place, int32_t node[CORNERS], double weight[CORNERS])
 {
     const int32_t halves[3] = {place % 3, place / 3 % 3, place / 9};
@@ -105,7 +108,7 @@ static void divide(leaves *work, int32_t leaf)
     work->changed = true;
 }
 
-/* every node itself, and what is in the middle of a hexahedron its corners */
+/* Make every node follow itself, and nodes in the middle of a hexahedron's edges and faces follow its corners. */
 static void find_followers(leaves *work)
 {
     const pliant_mesh *mesh = work->mesh;
@@ -132,8 +135,8 @@ static void find_followers(leaves *work)
         }
 }
 
-/* The nodes that a leaf's corners follow, and C. Returns how many, more than eight: of nodes that a cut has made two
- * of. */
+/* List the nodes that a leaf's corners follow, and C. Return their number. More than eight means that a cut has
+ * duplicated nodes. */
 static int followed(const leaves *work, int32_t leaf, int32_t node[CORNERS], double c[CORNERS][CORNERS])
 {
     const pliant_upsample *upsample = work->upsample;
@@ -179,7 +182,7 @@ static void hold_followers(const leaves *work, uint8_t *fixed)
         for (int v = 0; work->follows[n] && fixed[n] && v < CORNERS; v++)
             if (upsample->weights[CORNERS * n + v] > 0) fixed[upsample->node[CORNERS * n + v]] = fixed[n];
     for (int32_t n = 0; n < mesh->num_nodes; n++)
-        if (work->follows[n]) fixed[n] = PLIANT_FIXED_AT_REST; /* as far as the solver goes */
+        if (work->follows[n]) fixed[n] = PLIANT_FIXED_AT_REST; /* this affects the solver only */
 }
 
 /* ---- elements */
@@ -196,7 +199,8 @@ static const pliant_cube_shape *shape_of(leaves *work, int32_t leaf, const plian
     return shape;
 }
 
-/* What a leaf was, where its tetrahedra and the nodes that its corners follow are the same; -1: something else */
+/* Return the earlier element of a leaf with the same tetrahedra and the same followed nodes; -1: the leaf has
+ * changed. */
 static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node[CORNERS])
 {
     const int32_t was = work->earlier ? work->element[leaf] - 1 : -1;
@@ -205,14 +209,15 @@ static int32_t find_earlier(const leaves *work, int32_t leaf, const int32_t node
     return same ? was : -1;
 }
 
-/* C'KC of a leaf, and C' of its mean gradient */
+/* Compute C'KC of a leaf, and C' times its mean gradient. */
 static void condense(leaves *work, int32_t leaf, const pliant_tet_material *material, double c[CORNERS][CORNERS], double *shear, double *gradient, double *out)
 {
     const int32_t *start = work->mesh->leaf_start + leaf;
     pliant_cube cube = {.part = false};
     double k[UNKNOWNS * UNKNOWNS], half[UNKNOWNS * UNKNOWNS] = {0};
     for (int v = 0; v < CORNERS; v++) cube.node[v] = work->node[leaf][place_of_corner(v)];
-    for (int slot = 0; slot < 5; slot++) cube.tet[slot] = start[1] - start[0] == 5 ? start[0] + slot : start[0]; /* what is divided is of one material */
+    /* A divided leaf has one material. */
+    for (int slot = 0; slot < 5; slot++) cube.tet[slot] = start[1] - start[0] == 5 ? start[0] + slot : start[0];
     const pliant_cube_shape *shape = shape_of(work, leaf, &cube);
     const double bulk = pliant_cube_deviatoric(shape, &cube, material, k);
     memset(out, 0, UNKNOWNS * UNKNOWNS * sizeof *out);

@@ -1,5 +1,5 @@
-/* The rotation of a deformation gradient, the one nearest to it: R = U V' of the signed singular value decomposition,
- * so that it is a rotation through flat and inverted states as well (NUMERICS.md). */
+/* The rotation nearest to a deformation gradient: R = U V' of the signed singular value decomposition. It is a proper
+ * rotation in flat and inverted states as well (NUMERICS.md). */
 #ifndef PLIANT_FEM_ELEMENT_ROTATION_H
 #define PLIANT_FEM_ELEMENT_ROTATION_H
 
@@ -9,15 +9,16 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-/* Eigenvalues, and eigenvectors in columns, of a symmetric matrix. */
+/* Compute eigenvalues, and eigenvectors in columns, of a symmetric matrix. */
 void pliant_symmetric_eigen(const double matrix[9], double values[3], double vectors[9]);
-/* One matrix, any state. deformation, rotation: 9, row-major. */
+/* Compute the rotation of one matrix in any state. deformation, rotation: 9, row-major. */
 void pliant_rotation_signed_svd(const double deformation[9], double rotation[9]);
 #ifdef __cplusplus
 }
 #endif
 
-/* LANES matrices: Newton's iteration (corotational.h), and the signed SVD for lanes that are flat or inverted. */
+/* Compute the rotations of LANES matrices by Newton's iteration (corotational.h), and by the signed SVD for flat or
+ * inverted lanes. */
 static inline __attribute__((always_inline)) void pliant_rotations(double deformation[9][LANES], double rotation[9][LANES])
 {
     double x[9][LANES], regular[LANES], change = 1;

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <string.h>
 
-/* what is looked at */
+/* Input of the scalar fields. */
 typedef struct view {
     const pliant_scene *scene;
     const pliant_mesh *mesh;
@@ -58,7 +58,8 @@ static double deformation_of(const pliant_mesh *mesh, const double *positions, i
     return volume;
 }
 
-/* stress in the element's frame, energy density e : s / 2; nothing of what is asked for depends on the frame */
+/* Return the energy density e : s / 2 and compute the stress in the element's frame. The scalar fields do not depend on
+ * the frame. */
 static double corotational(const double f[9], const pliant_tet_material *material, double stress[6])
 {
     double r[9], e[6];
@@ -100,10 +101,12 @@ static double element_deformation(const view *look, int32_t tet, double f[9])
     return volume;
 }
 
-static const double least_part = 0.01; /* of an element is tissue: in less than that, what is not has a part in its moduli, too */
+/* Minimum fraction of tissue in an element. Below it, the empty part contributes significantly to the element's
+ * moduli. */
+static const double least_part = 0.01;
 
-/* Stress and energy density as the scene's elements have them. Explicit dynamics: of now, in world axes; otherwise in
- * the element's axes. */
+/* Compute stress and energy density of the scene's elements. In explicit dynamics the stress is in world axes,
+ * otherwise in the element's axes. */
 static double respond(const pliant_scene *scene, const double f[9], const pliant_tet_material *material, double stress[6])
 {
     if (scene->solver.kind != PLIANT_TLED) return corotational(f, material, stress);
@@ -224,7 +227,8 @@ pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *b
         double f[9], volume = element_deformation(&look, t, f);
         double value = measure(&model->scene, f, volume, body->fine_material + t, scalar);
         const bool stress = scalar == PLIANT_SCALAR_VON_MISES || scalar == PLIANT_SCALAR_PRINCIPAL_STRESS;
-        if (stress && body->fine_material[t].tissue > 0) volume *= body->fine_material[t].tissue; /* that of the tissue */
+        /* Average over the tissue's volume. */
+        if (stress && body->fine_material[t].tissue > 0) volume *= body->fine_material[t].tissue;
         for (int v = 0; v < 4; v++) {
             sum[2 * mesh->tets[4 * t + v]] += volume * value;
             sum[2 * mesh->tets[4 * t + v] + 1] += volume;

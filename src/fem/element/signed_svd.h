@@ -1,5 +1,5 @@
-/* The rotation of any deformation gradient, for the CPU (rotation.c) and for kernels (cuda/fem/element/rotation.cuh).
- * Indices are known when it is compiled, so that matrices stay in registers. Row-major 3 x 3. */
+/* The rotation of any deformation gradient, shared by the CPU (rotation.c) and kernels (cuda/fem/element/rotation.cuh).
+ * Indices are compile-time constants, so that matrices stay in registers. Matrices are 3 x 3, row-major. */
 #ifndef PLIANT_FEM_ELEMENT_SIGNED_SVD_H
 #define PLIANT_FEM_ELEMENT_SIGNED_SVD_H
 
@@ -7,7 +7,8 @@
 
 #include <math.h>
 
-/* one Jacobi rotation of rows and columns p, q of a symmetric matrix; columns of v are its eigenvectors in the end */
+/* Apply one Jacobi rotation to rows and columns p, q of a symmetric matrix. After all rotations the columns of v are
+ * its eigenvectors. */
 PLIANT_INLINE void pliant_jacobi_rotate(const int p, const int q, double *a, double *v)
 {
     const double apq = a[3 * p + q];
@@ -32,7 +33,8 @@ PLIANT_INLINE void pliant_jacobi_rotate(const int p, const int q, double *a, dou
     }
 }
 
-/* Eigenvalues to the diagonal and eigenvectors to the columns, by cyclic Jacobi rotations (Golub and Van Loan, 8.5). */
+/* Compute eigenvalues on the diagonal and eigenvectors in the columns, by cyclic Jacobi rotations (Golub and Van Loan,
+ * 8.5). */
 PLIANT_INLINE void pliant_jacobi(double *a, double *v)
 {
     for (int m = 0; m < 9; m++) v[m] = m % 4 == 0;
@@ -45,7 +47,7 @@ PLIANT_INLINE void pliant_jacobi(double *a, double *v)
     }
 }
 
-/* bring the larger of columns p and q to p, by the sizes on the diagonal */
+/* Move the larger of columns p and q to p, by the sizes on the diagonal. */
 PLIANT_INLINE void pliant_sort_columns(const int p, const int q, double *size, double *v)
 {
     if (size[p] >= size[q]) return;
@@ -86,13 +88,14 @@ PLIANT_INLINE void pliant_orthogonal_to(const double *v, double *out)
     pliant_normalize(out);
 }
 
-/* F = U S V' with U and V rotations and the sign of det F on the smallest singular value (Irving et al. 2004); R = U
- * V'. The two larger directions are mapped, the third follows by the cross product: no division by a small one. */
+/* Compute R = U V' from F = U S V', with rotations U and V and the sign of det F on the smallest singular value (Irving
+ * et al. 2004). The two larger directions are mapped by F, the third is their cross product. This avoids a division by
+ * a small singular value. */
 PLIANT_INLINE void pliant_signed_svd(const double *deformation, double *rotation)
 {
     double largest = 0, f[9], gram[9], v[9];
     for (int m = 0; m < 9; m++) largest = fmax(largest, fabs(deformation[m]));
-    if (!(largest > 0) || !isfinite(largest)) { /* collapsed to a point, or not a number: no direction is nearer than another */
+    if (!(largest > 0) || !isfinite(largest)) { /* collapsed to a point, or not finite: no rotation is nearest */
         for (int m = 0; m < 9; m++) rotation[m] = m % 4 == 0;
         return;
     }

@@ -1,11 +1,11 @@
-/* One element's stress from H = F - I, in single precision; matrices are 9, row-major. mu and the moduli come times the
- * rest volume, so what is called stress here is rest volume times first Piola-Kirchhoff stress [N m]. */
+/* One element's stress from H = F - I, in single precision. Matrices have 9 numbers, row-major. mu and the moduli are
+ * multiplied by the rest volume. "Stress" here means rest volume times first Piola-Kirchhoff stress [N m]. */
 #ifndef PLIANT_FEM_ELEMENT_STRESS_H
 #define PLIANT_FEM_ELEMENT_STRESS_H
 
 #include "fem/element/law.h"
 
-/* Cofactors of H, and J - 1 without the loss of digits of det F - 1 */
+/* Compute the cofactors of H, and return J - 1 without the cancellation of det F - 1. */
 PLIANT_INLINE float pliant_change_of(const float h[9], float cofactor[9])
 {
     cofactor[0] = h[4] * h[8] - h[5] * h[7];
@@ -21,8 +21,8 @@ PLIANT_INLINE float pliant_change_of(const float h[9], float cofactor[9])
     return h[0] + h[4] + h[8] + (cofactor[0] + cofactor[4] + cofactor[8]) + third;
 }
 
-/* The same with the digits that single precision has not: where tissue turns it is a small difference of large numbers,
- * and rounding leaves pressures of 1 Pa in what is nearly incompressible. */
+/* Return J - 1 in double precision. In rotated tissue it is a small difference of large numbers. Rounding in single
+ * precision causes pressures of 1 Pa in nearly incompressible tissue. */
 PLIANT_INLINE double pliant_exact_change_of(const double h[9])
 {
     const double x = h[4] * h[8] - h[5] * h[7], y = h[5] * h[6] - h[3] * h[8], z = h[3] * h[7] - h[4] * h[6];
@@ -30,8 +30,8 @@ PLIANT_INLINE double pliant_exact_change_of(const double h[9])
     return h[0] + h[4] + h[8] + second + (h[0] * x + h[1] * y + h[2] * z);
 }
 
-/* Of one component u of a cube's corners, of which the first stands still: sum of its differences over the four edges
- * along each axis. */
+/* Sum the differences of one displacement component over the four edges along each axis of a cube. u: relative to the
+ * first corner. */
 PLIANT_INLINE void pliant_cube_differences(const double u[8], double along[3])
 {
     const double xy = u[3] - u[4], xz = u[5] - u[2], yz = u[6] - u[1]; /* diagonals */
@@ -40,7 +40,8 @@ PLIANT_INLINE void pliant_cube_differences(const double u[8], double along[3])
     along[2] = u[7] + xz + yz - xy;
 }
 
-/* shear part of the stress in p and the volume part's factor of cof F; cof F in cofactor. Rest volume included. */
+/* Compute the shear part of the stress in p, and cof F in cofactor. Return the volume part's factor of cof F. The rest
+ * volume is included. */
 PLIANT_INLINE float pliant_neo_hookean_stress(pliant_law law, const float h[9], float mu, float modulus, float cofactor[9], float p[9])
 {
     float squares = 0, trace = h[0] + h[4] + h[8], change = pliant_change_of(h, cofactor), a, shear;
@@ -70,12 +71,13 @@ PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float 
         }
 }
 
-/* Prony series, implicit in time (Taylor et al. 2009): what has relaxed, Y_i, goes towards its share of the
- * instantaneous stress, Y_i+ = (tau_i Y_i + dt share_i S) / (tau_i + dt) = Y_i + part (share_i S - Y_i), and S - sum of
- * Y_i is felt. S: of the shear part. */
+/* Return the relaxed fraction of a Prony term in one implicit step (Taylor et al. 2009). The relaxed stress Y_i
+ * approaches its share of the instantaneous stress:
+ *     Y_i+ = (tau_i Y_i + dt share_i S) / (tau_i + dt) = Y_i + part (share_i S - Y_i)
+ * The acting stress is S minus the sum of all Y_i. S is the shear part. */
 PLIANT_INLINE float pliant_prony_part(float dt, float tau) { return dt / (tau + dt); }
 
-/* S = F^-1 P: xx yy zz xy xz yz */
+/* Compute S = F^-1 P: xx yy zz xy xz yz. */
 PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[9], const float p[9], float s[6])
 {
     const float inverse = pliant_law_float_reciprocal((1 + h[0]) * cofactor[0] + h[1] * cofactor[1] + h[2] * cofactor[2]);
@@ -87,9 +89,8 @@ PLIANT_INLINE void pliant_stress_at_rest(const float h[9], const float cofactor[
     s[5] = (cofactor[1] * p[2] + cofactor[4] * p[5] + cofactor[7] * p[8]) * inverse;
 }
 
-/* Kelvin and Voigt: the second Piola-Kirchhoff stress 2 factor mu dE beside the elastic one, dE the change of
- * Green's strain by dF = change in the last sub-step. factor: the time that damps over that of a sub-step. F dS is
- * added to P. */
+/* Add Kelvin-Voigt damping to P: F dS with the second Piola-Kirchhoff stress dS = 2 factor mu dE. dE is the change of
+ * Green's strain by dF = change in the last sub-step. factor: damping time divided by the duration of a sub-step. */
 PLIANT_INLINE void pliant_add_viscous(const float h[9], const float change[9], float mu, float factor, float p[9])
 {
     float s[9];
@@ -104,7 +105,7 @@ PLIANT_INLINE void pliant_add_viscous(const float h[9], const float change[9], f
             p[3 * r + c] += s[3 * r + c] + h[3 * r] * s[c] + h[3 * r + 1] * s[3 + c] + h[3 * r + 2] * s[6 + c];
 }
 
-/* P less F times what has relaxed */
+/* Subtract F times the relaxed stress from P. */
 PLIANT_INLINE void pliant_subtract_relaxed(const float h[9], const float relaxed[6], float p[9])
 {
     const float y[9] = {relaxed[0], relaxed[3], relaxed[4], relaxed[3], relaxed[1], relaxed[5], relaxed[4], relaxed[5], relaxed[2]};
