@@ -1,21 +1,23 @@
-/* Tetrahedra set up for drawing, and listed by brick. */
+/* Set up the tetrahedra for drawing, and list them by brick. */
 #include "cuda/base/check.h"
 #include "cuda/warp/raster_math.cuh"
 #include "cuda/warp/rasterize.h"
 
 enum { THREADS = 128 };
 
-/* Bricks of a mask that are a thread's: those of even or odd place along i and along j, so that all four threads have some. */
+/* Return the bricks of a mask that one of the four threads handles: those with even or odd position along i and along
+ * j. Each thread gets a quarter of them. */
 static __device__ __forceinline__ unsigned long long own_bricks(unsigned long long bricks, int v)
 {
     static_assert(MASK_EDGE == 4, "a row of the mask has 4 bits, a slice 16");
     return bricks & 0x0505050505050505ull << ((v & 1) + MASK_EDGE * (v >> 1));
 }
 
-/* what of a tetrahedron says which bricks it touches */
+/* bricks that a tetrahedron touches, and its bounding box */
 struct footprint { unsigned long long bricks; gpu_box box; };
 
-/* those of one that spans more bricks than the mask has, found by its planes */
+/* Visit the bricks of a tetrahedron that spans more bricks than the mask covers. The planes of the tetrahedron select
+ * them. */
 template <class Visit>
 static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int t, const int *low, const int *high, Visit visit)
 {
@@ -32,13 +34,13 @@ static __device__ __forceinline__ void visit_many(const gpu_raster &raster, int 
                     begin[d] = BRICK * at[d];
                     end[d] = begin[d] + BRICK - 1;
                 }
-                bool cuts = true; /* pliant_raster_cuts */
+                bool cuts = true; /* same rule as pliant_raster_cuts */
                 for (int p = 0; p < 4; p++) cuts = cuts && gpu_most_in(planes[p], begin, end) >= 0;
                 if (cuts) visit(at[0] + raster.grid.bricks[0] * (at[1] + raster.grid.bricks[1] * at[2]), -1);
             }
 }
 
-/* each of the four threads takes its share of the bricks, two at a time */
+/* Visit the bricks of a tetrahedron. Each of the four threads takes its part, two bricks at a time. */
 template <class Visit>
 static __device__ __forceinline__ void visit_bricks(const gpu_raster &raster, int t, const footprint &foot, Visit visit)
 {
@@ -70,7 +72,7 @@ static __device__ __forceinline__ void list_in(const gpu_raster &raster, int t, 
     if (brick >= 0 && place < raster.capacity) raster.d_list[(size_t)brick * raster.capacity + place] = t;
 }
 
-/* its box in voxels inside the target; false when that is empty (find_box) */
+/* Compute the bounding box in voxels inside the target; false if it is empty (find_box). */
 static __device__ __forceinline__ bool find_box(const raster_grid &grid, const int fixed[4][3], short *low, short *high)
 {
     bool any = true;
@@ -89,7 +91,10 @@ static __device__ __forceinline__ bool find_box(const raster_grid &grid, const i
     return any;
 }
 
-/* pliant_raster_tet. own_rest: of its own node; wanted: it is drawn; out: NULL where there is none. All four threads come here together. */
+/* Same operations as pliant_raster_tet. All four threads of the tetrahedron must call it together.
+ * own_rest: rest position of the thread's own node
+ * wanted: whether the tetrahedron is drawn
+ * out: NULL: no output */
 static __device__ __forceinline__ void set_up(const gpu_raster &raster, const int fixed[4][3], const double *own_rest, bool wanted, gpu_tet *out,
                                               footprint &foot)
 {
@@ -100,7 +105,7 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
     gpu_box &box = foot.box;
     const bool drawn = wanted & (grid.mirrored ? volume < 0 : volume > 0) & find_box(grid, fixed, box.low, box.high);
     double rest[4], map[4], rounded[4], exact[3];
-    for (int d = 0; d < 3; d++) exact[d] = (double)normal[d]; /* below 2^53 */
+    for (int d = 0; d < 3; d++) exact[d] = (double)normal[d]; /* exact, since the value is below 2^53 */
     for (int n = 0; n < 4; n++) {
         double x = of_thread(own_rest[0], n), y = of_thread(own_rest[1], n), z = of_thread(own_rest[2], n);
         rest[n] = axis == 0 ? x : axis == 1 ? y : z;
@@ -133,7 +138,8 @@ static __device__ __forceinline__ void set_up(const gpu_raster &raster, const in
         for (int c = 0; c < 4; c++) bounds->map[v][c] = map[c];
 }
 
-/* Where a thread's own corner is now, and was at rest. GUESTS: there may be some */
+/* Return the deformed and the rest position of a thread's own corner.
+ * GUESTS: there may be guests */
 template <bool GUESTS> static __device__ __forceinline__ void find_corner(const gpu_raster &raster, const double *d_positions, int t, int v, int *mine, double *rest)
 {
     if (GUESTS && t >= raster.num_tets) {
@@ -151,13 +157,15 @@ template <bool GUESTS> static __device__ __forceinline__ void find_corner(const 
     gpu_fix(raster.grid, raster.reciprocal, d_positions + 3 * node, mine);
 }
 
-/* Four threads a tetrahedron. Every one is listed in every brick that it touches, since one that stays may share a brick with
- * one that moves; bricks are dirty where one that moved was or is. */
+/* List each element in all bricks that it touches, with four threads per element. Unmoved elements are listed too,
+ * because they may share a brick with a moved one. A brick becomes dirty if a moved element touches or has touched
+ * it. */
 template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_kernel(gpu_raster raster, const double *__restrict__ d_positions, bool all)
 {
     const int own = (int)(blockIdx.x * THREADS + threadIdx.x) / 4, v = (int)threadIdx.x % 4;
     const bool there = own < raster.num_elements;
-    const int t = there ? own : raster.num_elements - 1; /* the last threads go along, since all talk to each other */
+    /* the last threads take part, because all threads of a warp exchange values */
+    const int t = there ? own : raster.num_elements - 1;
     gpu_tet *stored = static_cast<gpu_tet *>(raster.d_setup) + t;
     footprint foot = {};
     if (!all) {
@@ -179,7 +187,7 @@ template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_
             if (other >= 0) raster.d_dirty[other] = 1;
         });
     __syncwarp();
-    if (__any_sync(0xffffffff, there && !still)) { /* setting up one that stayed gives what it was */
+    if (__any_sync(0xffffffff, there && !still)) { /* the setup of an unmoved element gives the same result as before */
         if (there)
             for (int d = 0; d < 3; d++) last[d] = mine[d];
         set_up(raster, fixed, rest, !PARTS || !raster.d_zone || raster.d_zone[t] > 0, there ? stored : NULL, foot);
@@ -196,7 +204,7 @@ template <bool PARTS> static __global__ void __launch_bounds__(THREADS, 4) cull_
             raster.d_dirty[one] = 1;
             if (other >= 0) raster.d_dirty[other] = 1;
         }
-        /* any order: the lowest index wins all the same */
+        /* the order is arbitrary, because the lowest index wins */
         const int place = atomicAdd(raster.d_count + one, 1), other_place = other >= 0 ? atomicAdd(raster.d_count + other, 1) : 0;
         list_in(raster, t, one, place);
         list_in(raster, t, other, other_place);
@@ -215,9 +223,9 @@ extern "C" pliant_status pliant_cuda_cull(const gpu_raster *raster, const double
     return CUDA_LAUNCHED("cull_kernel");
 }
 
-/* ---- from body to body */
+/* ---- change to another body */
 
-/* corners that no node ever has: such an element is set up in the next update */
+/* Set the corners to a position that no node has, so that the next update sets up the element. */
 static __device__ void set_anew(gpu_raster now, int e)
 {
     gpu_tet &out = static_cast<gpu_tet *>(now.d_setup)[e];
@@ -246,7 +254,7 @@ static __global__ void anew_kernel(gpu_raster now, int count, const int32_t *__r
     if (i < count) set_anew(now, d_anew[i]);
 }
 
-/* four threads an element */
+/* four threads per element */
 static __global__ void leave_kernel(gpu_raster before, int count, const int32_t *__restrict__ d_gone)
 {
     const int i = (int)(blockIdx.x * THREADS + threadIdx.x) / 4;

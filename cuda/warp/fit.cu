@@ -9,15 +9,15 @@
 enum { SORT_THREADS = 1024, TET_THREADS = 128, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
 
 struct pliant_cuda_fit {
-    fit_view *d_view;          /* pointers in it are of the device */
-    fit_view view;             /* the same on the host, without what depends on positions */
+    fit_view *d_view;          /* contains device pointers */
+    fit_view view;             /* host copy, without the position-dependent data */
     raster_source source;
     int32_t *d_cursor;         /* (bins) */
     void *d_voxels;
-    int32_t *d_owner;          /* (target voxels) element of the zone that owns each, -1: none; NULL: nothing is cut */
+    int32_t *d_owner;          /* (target voxels) zone element that owns the voxel, -1: none; NULL: no cuts */
 };
 
-/* ---- nodes by bins, by one block: of some thousands of nodes each part takes a microsecond or two */
+/* ---- sort nodes into bins, by one block; for some thousand nodes each stage takes one or two microseconds */
 
 static __device__ double extreme(double value, bool most, double *scratch)
 {
@@ -55,7 +55,7 @@ static __device__ int32_t place_nodes(fit_view *view, const double *d_positions,
     return count;
 }
 
-/* counts in start[bin + 1] to where each bin begins; each thread sums a run of them */
+/* Convert the counts in start[bin + 1] to the start of each bin (prefix sum). Each thread sums one run of bins. */
 static __device__ void add_starts(int32_t *start, int32_t *cursor, int32_t count, int32_t *scratch)
 {
     const int32_t length = (count + SORT_THREADS - 1) / SORT_THREADS, first = (int32_t)threadIdx.x * length, end = min(first + length, count);
@@ -86,7 +86,8 @@ __global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, co
     __syncthreads();
     for (int32_t n = (int32_t)threadIdx.x; n < nodes; n += SORT_THREADS) sorted[atomicAdd(d_cursor + fit_flat_bin(d_view, d_view->at + 3 * (size_t)n), 1)] = n;
     __syncthreads();
-    for (int32_t b = (int32_t)threadIdx.x; b < count; b += SORT_THREADS) /* they came in any order: ascending, as on the CPU */
+    /* sort ascending as on the CPU, because the threads insert in any order */
+    for (int32_t b = (int32_t)threadIdx.x; b < count; b += SORT_THREADS)
         for (int32_t s = start[b] + 1; s < start[b + 1]; s++) {
             const int32_t node = sorted[s];
             int32_t place = s;
@@ -97,7 +98,7 @@ __global__ void __launch_bounds__(SORT_THREADS) sort_kernel(fit_view *d_view, co
     for (int32_t place = (int32_t)threadIdx.x; place < nodes; place += SORT_THREADS) fit_set_place(d_view, place);
 }
 
-/* a tetrahedron a warp, a row of voxels a lane; bytes that are 0 become 1, whoever writes them */
+/* One warp per tetrahedron, one row of voxels per lane. Several threads may write 1 to the same byte. */
 __global__ void __launch_bounds__(TET_THREADS) cover_kernel(const fit_view *d_view)
 {
     const int64_t thread = (int64_t)blockIdx.x * TET_THREADS + threadIdx.x, t = thread / 32;
@@ -124,7 +125,7 @@ __global__ void __launch_bounds__(MAP_THREADS) map_kernel(const fit_view *d_view
     for (int d = 0; d < 3; d++) d_view->map[3 * point + d] = out[d];
 }
 
-/* a brick a block, a column along k a thread */
+/* One block per brick, one column along k per thread. */
 __global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_view, const raster_source source, const gpu_raster raster, const int32_t *d_owner)
 {
     const int32_t *size = d_view->target.size;
@@ -149,7 +150,7 @@ __global__ void __launch_bounds__(DRAW_THREADS) draw_kernel(const fit_view *d_vi
     if (threadIdx.x == 0) raster.d_changed[blockIdx.x + (size_t)gridDim.x * (blockIdx.y + (size_t)gridDim.y * blockIdx.z)] = other;
 }
 
-/* ---- the host's side */
+/* ---- host functions */
 
 template <class T> static pliant_status allocate(size_t count, T **d_out)
 {

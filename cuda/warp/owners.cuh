@@ -1,6 +1,8 @@
-/* Who owns which voxel of a brick, or of an eighth of one: the element of lowest index that holds it (src/warp/owners.h), and whose own
- * it is (src/warp/part.h). PARTS: some may be parted.
- * Rows are found in float; where rounding could decide, from the corners in whole numbers. */
+/* Find the owner of each voxel of a brick, or of an eighth of a brick: the element with the lowest index that contains
+ * it (src/warp/owners.h), subject to the labels at a cut (src/warp/part.h).
+ * PARTS: some elements may be parts of a cut tetrahedron
+ * Rows are found in single precision. If rounding could change the result, the row is computed exactly from the integer
+ * corners. */
 #ifndef PLIANT_CUDA_OWNERS_CUH
 #define PLIANT_CUDA_OWNERS_CUH
 
@@ -11,40 +13,42 @@
 enum {
     THREADS = 256,
     WARPS = THREADS / 32,
-    CHUNK = THREADS / 4,  /* tetrahedra whose bounds are in shared memory at a time */
-    SHARE = BRICK / 4,    /* slices of a tetrahedron that one of its four threads takes */
-    QUEUE = 3072,         /* rows of a chunk that are shared out evenly at a time */
-    DOUBTFUL = 1024,      /* of them, kept for the exact way; where there are more, all are looked at again */
-    MOST = 254,           /* candidates that a byte can name */
+    CHUNK = THREADS / 4,  /* number of tetrahedra whose bounds are in shared memory at once */
+    SHARE = BRICK / 4,    /* number of slices of a tetrahedron per thread */
+    QUEUE = 3072,         /* maximum number of a chunk's rows that are distributed at once */
+    /* maximum number of rows stored for exact computation; if there are more, all rows are computed exactly */
+    DOUBTFUL = 1024,
+    MOST = 254,           /* maximum number of candidates that a byte can index */
     NOBODY = 255,
-    ROW_STEP = BRICK + 1  /* rows of owners lie so far apart that rows of a warp do not share memory banks */
+    ROW_STEP = BRICK + 1  /* padding of the owner rows that avoids shared-memory bank conflicts */
 };
 
-/* How the voxels of a candidate's rows are limited and told. doubt: what its bounds may be off inwards; outwards they are not. */
+/* Bounds of a candidate's rows. doubt: maximum inward error of the bounds; they have no outward error. */
 struct alignas(16) held { float doubt; unsigned char low, high, row_begins; unsigned key; };
 
-/* What is drawn at a time: the brick, or an eighth of it. Voxels are counted from the brick's origin. */
+/* Region that is drawn at once: the brick or an eighth of it. Voxels are counted from the brick's origin. */
 struct part { int low[3], size; };
 
 struct brick_state {
     union {
         struct {
-            float at[CHUNK][4], step_j[CHUNK][4], step_k[CHUNK][4]; /* as in gpu_tet, but from the middle of a brick's rows */
+            /* as in gpu_tet, but relative to the centre of a brick's rows */
+            float at[CHUNK][4], step_j[CHUNK][4], step_k[CHUNK][4];
             held rows[CHUNK];
-            unsigned short queue[QUEUE], doubtful[DOUBTFUL]; /* rows: 256 place in the chunk + 16 k + j */
+            unsigned short queue[QUEUE], doubtful[DOUBTFUL]; /* rows: 256 index in the chunk + 16 k + j */
         };
         exact_plane planes[CHUNK][4];
         slot slots[NOBODY + 1];
     };
     int id[MOST];
     unsigned char copies[NOBODY + 1];
-    alignas(16) unsigned owner[BRICK_ROWS * ROW_STEP]; /* 256 index + place among the candidates: the least wins */
-    unsigned first; /* the least of them */
+    alignas(16) unsigned owner[BRICK_ROWS * ROW_STEP]; /* 256 index + position among the candidates; the minimum wins */
+    unsigned first; /* minimum owner */
     int counts[WARPS];
     int base[3];
     unsigned base_index;
     limits limit;
-    int inner, num_doubtful, num_rows[2]; /* of this chunk and the next one */
+    int inner, num_doubtful, num_rows[2]; /* counts of this chunk and of the next one */
 };
 
 static __device__ __forceinline__ const gpu_tet &tet_of(const gpu_raster &raster, int id)
@@ -52,7 +56,7 @@ static __device__ __forceinline__ const gpu_tet &tet_of(const gpu_raster &raster
     return static_cast<const gpu_tet *>(raster.d_setup)[id];
 }
 
-/* The greatest of the first `begins` of four numbers, and the least of the others; there are one to three. */
+/* Return the maximum of the first `begins` (1 to 3) of four numbers, and the minimum of the others. */
 static __device__ __forceinline__ float last_begin(const float *at, int begins)
 {
     return fmaxf(at[0], fmaxf(begins > 1 ? at[1] : -far_away, begins > 2 ? at[2] : -far_away));
@@ -64,20 +68,20 @@ static __device__ __forceinline__ float first_end(const float *at, int begins)
 
 static const float middle_row = 0.5f * (BRICK - 1);
 
-/* Small whole numbers, in the low bits of floats. */
+/* Store small integers in the low bits of floats. */
 static __device__ __forceinline__ float shifted(int whole) { return __int_as_float((int)(FLOOR_BITS + (unsigned)whole)); }
 static __device__ __forceinline__ int unshifted(float value) { return __float_as_int(value) - (int)FLOOR_BITS; }
 
-/* Voxels of a row for the one who holds them, when there are any. */
+/* Voxels of a row that a candidate contains. */
 struct interval { int first, count; unsigned row, key; };
 
-/* index of the scan, along an axis, where a voxel of the target was */
+/* Return the scan index, along an axis, of the rest position of a target voxel. */
 static __device__ __forceinline__ double gpu_index(const gpu_tet &tet, int d, const double *voxel)
 {
     return part_index(tet.map[d][0], tet.map[d][1], tet.map[d][2], tet.map[d][3], voxel);
 }
 
-/* of an element that is parted */
+/* Return which voxels of an element at a cut it may claim. */
 static __device__ __forceinline__ part_claim claim_of(const gpu_raster &raster, int id, const double *voxel)
 {
     const gpu_tet &tet = tet_of(raster, id);
@@ -85,7 +89,7 @@ static __device__ __forceinline__ part_claim claim_of(const gpu_raster &raster, 
     return part_claims(&raster.parts, raster.parts.elements[id], index);
 }
 
-/* claim, voxel by voxel, for one that is parted */
+/* Claim voxels one by one for an element at a cut. */
 static __device__ __forceinline__ unsigned claim_part(const gpu_raster &raster, brick_state &brick, const interval &own, const int *origin, unsigned least)
 {
     const int id = (int)(own.key >> 8);
@@ -99,7 +103,7 @@ static __device__ __forceinline__ unsigned claim_part(const gpu_raster &raster, 
     return least;
 }
 
-/* Whole warps come here together. Who has a lower index may have them as well, and keeps them. */
+/* Claim an interval; all threads of a warp must call it. A voxel stays with the lowest index. */
 template <bool PARTS>
 static __device__ __forceinline__ unsigned claim(const gpu_raster &raster, brick_state &brick, interval own, const int *origin, unsigned least)
 {
@@ -115,7 +119,8 @@ static __device__ __forceinline__ unsigned claim(const gpu_raster &raster, brick
     return own.count > 0 ? min(least, own.key) : least;
 }
 
-/* What a candidate holds of a row of the queue. In doubt that is noted down, and nothing so far. */
+/* Find the voxels of a queued row inside a candidate. A row in doubt is stored for exact computation, and the result is
+ * empty. */
 static __device__ __forceinline__ interval find_interval(brick_state &brick, unsigned row)
 {
     const int c = (int)(row >> 8);
@@ -148,7 +153,7 @@ static __device__ __forceinline__ unsigned claim_all(const gpu_raster &raster, b
     return least;
 }
 
-/* Rows in doubt, in whole numbers: four threads a row and one a plane (owners.h has the reasons). */
+/* Compute rows in doubt with integers, with four threads per row and one per plane (see owners.h). */
 template <bool PARTS>
 static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raster, brick_state &brick, int rows, const int *origin, unsigned least)
 {
@@ -174,8 +179,8 @@ static __device__ __forceinline__ unsigned claim_exactly(const gpu_raster &raste
     return least;
 }
 
-/* Plane v of a candidate, from the middle of a brick's rows. The doubt is that of its four planes: three numbers and two sums, each
- * rounded by 2^-24 of at most `size`, once more for what is added here. */
+/* Evaluate plane v of a candidate at the centre of a brick's rows. The doubt bounds the error of the four planes: three
+ * numbers and two sums, each rounded by at most 2^-24 of `size`, plus the rounding of the added doubt. */
 static __device__ __forceinline__ void place_plane(const gpu_tet &tet, int v, const float *from, int begins, int c, brick_state &brick, float *doubt)
 {
     const double step_j = tet.step_j[v], step_k = tet.step_k[v];
@@ -188,8 +193,8 @@ static __device__ __forceinline__ void place_plane(const gpu_tet &tet, int v, co
     *doubt = 2 * fmaxf(*doubt, __shfl_xor_sync(0xffffffff, *doubt, 2));
 }
 
-/* Rows of some slices of a candidate that it may touch: those between its outline's edges, never too few. Thread v takes slice
- * low[2] + v and every fourth one after it. */
+/* Find the rows of some slices that a candidate may touch, between the edges of its outline; the estimate never misses
+ * a row. Thread v takes slice low[2] + v and every fourth slice after it. */
 static __device__ __forceinline__ int find_rows(const gpu_tet &tet, int v, const float *from, const int *low, const int *high, int *first, int *count)
 {
     const float step = tet.edge_step[v], edge = tet.edge[v];
@@ -216,10 +221,10 @@ static __device__ __forceinline__ int find_rows(const gpu_tet &tet, int v, const
     return total;
 }
 
-/* Rows that a thread found, and where they begin among those of the chunk. */
+/* Rows that a thread has found, and their position among the chunk's rows. */
 struct found { int first[SHARE], count[SHARE], slice, place; };
 
-/* Up to CHUNK candidates, four threads each: their bounds, and their rows. */
+/* Prepare up to CHUNK candidates, with four threads each: their bounds and rows. */
 static __device__ __forceinline__ found take_candidate(const gpu_raster &raster, const part &where, int begin, int count, const int *origin,
                                                        brick_state &brick, int *num_rows)
 {
@@ -253,7 +258,7 @@ static __device__ __forceinline__ found take_candidate(const gpu_raster &raster,
     return out;
 }
 
-/* those from row `window` of the chunk on that the queue has room for */
+/* Fill the queue with the chunk's rows from `window` on, up to its capacity. */
 static __device__ __forceinline__ void fill_queue(const found &own, int window, brick_state &brick)
 {
     int place = own.place - window;
@@ -272,8 +277,8 @@ static __device__ __forceinline__ void keep_first(brick_state &brick, unsigned l
     if (threadIdx.x % 32 == 0 && least != ~0u) atomicMin(&brick.first, least);
 }
 
-/* Owners of all voxels of a part, from the candidates in brick.id, into brick.owner. The lowest index wins, whatever the order. All
- * threads leave it together. */
+/* Find the owners of all voxels of a region from the candidates in brick.id, and store them in brick.owner. The lowest
+ * index wins, in any order. All threads return together. */
 template <bool PARTS>
 static __device__ __forceinline__ void find_owners(const gpu_raster &raster, const part &where, int count, const int *origin,
                                                    brick_state &brick)
@@ -301,7 +306,8 @@ static __device__ __forceinline__ void find_owners(const gpu_raster &raster, con
     }
 }
 
-/* Of a list, those that may hold a voxel of the part, to brick.id in the order of the list. How many; all threads get it. */
+/* Copy the elements of a list that may contain a voxel of the region to brick.id, in the same order. All threads get
+ * the count. */
 static __device__ int select(const gpu_raster &raster, const part &where, const int *list, int count, const int *origin, brick_state &brick)
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
@@ -333,8 +339,8 @@ static __device__ int select(const gpu_raster &raster, const part &where, const 
     return selected;
 }
 
-/* As find_owners, from a list of any length: each voxel asks all, which is slow where many are pressed together. Keys name nobody.
- * Voxels beyond the target are nobody's. */
+/* Same as find_owners for a list of any length. Each voxel tests all elements, which is slow in crowded bricks. Voxels
+ * outside the target get no owner. */
 template <bool PARTS> static __device__ void find_owners_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin, brick_state &brick)
 {
     const int *size = raster.grid.target.size;

@@ -1,10 +1,11 @@
-/* Each thread of a block takes a sample of the ray, a block of samples at a time; the lowest crossing is refined. */
+/* Find the first threshold crossing along a ray. Each thread of a block takes one sample, one block of samples after
+ * another; the lowest crossing is refined. */
 #include "cuda/base/check.h"
 #include "cuda/warp/pick.h"
 
 enum { SAMPLES = 512 };
 
-/* was_above[n]: of the sample before that of thread n */
+/* was_above[n]: whether the sample before thread n's sample is above the threshold */
 static __global__ void __launch_bounds__(SAMPLES) cross_kernel(march_voxels voxels, march_ray ray, int64_t first, march_crossing *d_out)
 {
     __shared__ bool was_above[SAMPLES + 1];
@@ -27,7 +28,7 @@ static __global__ void __launch_bounds__(SAMPLES) cross_kernel(march_voxels voxe
             return;
         }
         if (thread == 0) was_above[0] = was_above[SAMPLES];
-        __syncthreads(); /* it is written anew in the next round */
+        __syncthreads(); /* the next iteration overwrites it */
     }
 }
 

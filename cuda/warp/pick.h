@@ -1,5 +1,5 @@
-/* A ray through the deformed volume where the GPU has drawn it, to its first crossing of a threshold. The crossing equals the
- * CPU's, bit for bit (src/scan/march.h has the operations). */
+/* Find the first threshold crossing of a ray in the volume on the GPU. The result is bitwise identical to the CPU's
+ * (operations in src/scan/march.h). */
 #ifndef PLIANT_CUDA_PICK_H
 #define PLIANT_CUDA_PICK_H
 
@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-/* The first crossing at this sample or after it; the sample before it counts as above. Voxels are of the device. */
+/* Find the first crossing at sample `first` or later; the sample before it counts as above the threshold. The voxels
+ * are in device memory. */
 pliant_status pliant_cuda_cross(const march_voxels *voxels, const march_ray *ray, int64_t first, march_crossing *d_out, cudaStream_t stream);
 
 #ifdef __cplusplus

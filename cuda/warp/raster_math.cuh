@@ -1,26 +1,30 @@
-/* What rasterizing needs of each tetrahedron, by the same operations in the same order as src/warp/fixed_point.c and
- * owners.h: the same bits come out, so the GPU's volume equals the CPU's. (This is compiled without fused multiply-adds.)
+/* Set up tetrahedra for rasterization with the same operations in the same order as src/warp/fixed_point.c and
+ * owners.h. The results are bitwise identical, so the GPU's volume equals the CPU's. (This file is compiled without
+ * fused multiply-adds.)
  *
- * Four threads set up a tetrahedron: thread v has node v and plane v, threads 0 to 2 also axis v of the map. */
+ * Four threads set up one tetrahedron: thread v handles node v and plane v, and threads 0 to 2 also handle axis v of
+ * the map. */
 #ifndef PLIANT_CUDA_RASTER_MATH_CUH
 #define PLIANT_CUDA_RASTER_MATH_CUH
 
 #include "cuda/warp/rasterize.h"
 
-/* Where it is: its first and last voxel along each axis, inside the target; and how many of its bounds begin something. */
+/* Bounding box: first and last voxel along each axis inside the target, and the number of bounds that are lower
+ * bounds. */
 struct alignas(16) gpu_box {
     short low[3], high[3];
     unsigned char kind, inner, row_begins, slice_begins;
 
-    /* the voxel that bounds are counted from */
+    /* reference voxel of the bounds */
     __device__ __forceinline__ int middle(int d) const { return (low[d] + high[d]) >> 1; }
 };
 
-/* raster_tet of the CPU. Bounds tell all but what rounding could decide: that, its corners tell (exact_plane).
+/* Counterpart of the CPU's raster_tet. The bounds are in floating point. If rounding could change a result, it is
+ * computed from the corners (exact_plane).
  *
- * Row (j, k) begins along i at the greatest at + j step_j + k step_k of its first row_begins planes, and ends at the least of the
- * others. Slice k begins along j, seen along i, at the greatest edge + k edge_step of the first slice_begins edges of its outline,
- * and ends at the least of the others. */
+ * Row (j, k) begins along i at the maximum of at + j step_j + k step_k over the first row_begins planes, and ends at
+ * the minimum over the others. Slice k begins along j, seen along i, at the maximum of edge + k edge_step over the
+ * first slice_begins edges of the outline, and ends at the minimum over the others. */
 struct alignas(16) gpu_tet {
     double at[4], step_j[4], step_k[4];
     float edge[4], edge_step[4];
@@ -29,9 +33,9 @@ struct alignas(16) gpu_tet {
     unsigned long long bricks;
 };
 
-static const float far_away = 1e30f; /* a bound that bounds nothing */
+static const float far_away = 1e30f; /* an inactive bound */
 
-/* ---- the four threads of a tetrahedron */
+/* ---- exchange between the four threads of a tetrahedron */
 
 static __device__ __forceinline__ int of_thread(int value, int v) { return __shfl_sync(0xffffffff, value, v, 4); }
 static __device__ __forceinline__ double of_thread(double value, int v) { return __shfl_sync(0xffffffff, value, v, 4); }
@@ -49,10 +53,11 @@ static __device__ __forceinline__ unsigned long long and_of_four(unsigned long l
     return value & __shfl_xor_sync(0xffffffff, value, 2);
 }
 
-/* ---- pliant_raster_fix, its own node */
+/* ---- pliant_raster_fix, for the thread's own node */
 
-/* a / b, from 1 / b rounded to nearest: the second correction makes the quotient that of a division (Markstein, IBM Journal of
- * Research and Development 34, 1990), but for numbers so large that no volume has them */
+/* Compute a / b from 1 / b rounded to nearest. The second correction makes the quotient equal to a division (Markstein,
+ * IBM Journal of Research and Development 34, 1990). Values too large for this are beyond any volume and are divided
+ * directly. */
 static __device__ __forceinline__ double gpu_divide(double a, double b, double reciprocal)
 {
     double q = a * reciprocal;
@@ -76,7 +81,7 @@ static __device__ __forceinline__ void gpu_fix(const raster_grid &grid, const do
 
 /* ---- pliant_raster_tet */
 
-/* six_volumes */
+/* same as six_volumes */
 static __device__ __forceinline__ double gpu_six_volumes(const int *edge, const long long *normal)
 {
     long long high = 0, low = 0;
@@ -87,7 +92,7 @@ static __device__ __forceinline__ double gpu_six_volumes(const int *edge, const 
     return (double)(high + (low >> 11)) * 2048 + (double)(low & 2047);
 }
 
-/* plane_value */
+/* same as plane_value */
 static __device__ __forceinline__ long long gpu_plane_value(int fraction_bits, const long long *normal, const int *point)
 {
     long long whole = 0, fraction = 0;
@@ -98,7 +103,7 @@ static __device__ __forceinline__ long long gpu_plane_value(int fraction_bits, c
     return -whole + (-fraction >> fraction_bits);
 }
 
-/* All corners in fixed point, and what they mean. */
+/* Corners in fixed point, with the parameters of the grid. */
 struct gpu_corners { const int *d_fixed; int fraction_bits; bool mirrored; };
 
 static __device__ __forceinline__ gpu_corners corners_of(const gpu_raster &raster)
@@ -106,9 +111,9 @@ static __device__ __forceinline__ gpu_corners corners_of(const gpu_raster &raste
     return {raster.d_fixed, raster.grid.fraction_bits, raster.grid.mirrored};
 }
 
-/* A plane of a tetrahedron, found anew from its corners: that of the three nodes other than v. */
+/* Plane of a tetrahedron through the three nodes other than v, recomputed from the corners. */
 struct exact_plane {
-    long long normal[3], value; /* inward, per voxel along i, j, k; at target voxel (0, 0, 0) */
+    long long normal[3], value; /* inward normal, per voxel along i, j, k; value at target voxel (0, 0, 0) */
 
     __device__ __forceinline__ long long at(int i, int j, int k) const { return value + normal[0] * i + normal[1] * j + normal[2] * k; }
 };
@@ -128,7 +133,7 @@ static __device__ __forceinline__ exact_plane gpu_exact_plane(const gpu_corners 
     return out;
 }
 
-/* most_in, over the voxels of a box */
+/* same as most_in, over the voxels of a box */
 static __device__ __forceinline__ long long gpu_most_in(const exact_plane &plane, const int *low, const int *high)
 {
     long long most = plane.value;
@@ -136,8 +141,8 @@ static __device__ __forceinline__ long long gpu_most_in(const exact_plane &plane
     return most;
 }
 
-/* Inward normals, before the mirrored target's turn, and the volume. Plane v is that of the other three nodes; its normal is
- * the cross product of edges from node 0, plane 0's what is missing to zero. */
+/* Compute the inward normals, before the sign change for a mirrored target, and the volume. Plane v contains the other
+ * three nodes. Its normal is the cross product of edges from node 0; normal 0 is minus the sum of the others. */
 static __device__ __forceinline__ double gpu_normals(const int fixed[4][3], int v, long long *own)
 {
     int edge[4][3];
@@ -157,11 +162,12 @@ static __device__ __forceinline__ double gpu_normals(const int fixed[4][3], int 
     return volume;
 }
 
-/* voxels of one step of the fixed-point grid; scale is a power of two: multiplying by this divides by that, exactly */
+/* Return the size of a fixed-point step in voxels. The scale is a power of two, so the multiplication is an exact
+ * division. */
 static __device__ __forceinline__ double raster_step(const raster_grid &grid) { return ldexp(1.0, -grid.fraction_bits); }
 
-/* One axis of the map from target to source, before rounding; every thread runs it, threads 0 to 2 have an axis.
- * Barycentric coordinate of node n: normal[n] . (scale * voxel - node 0) / volume. */
+/* Compute one axis of the map from target to source, before rounding. All threads run it; threads 0 to 2 have an axis.
+ * The barycentric coordinate of node n is normal[n] . (scale * voxel - node 0) / volume. */
 static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const int fixed[4][3], const double *rest, const double *normal,
                                                double volume, double *map)
 {
@@ -175,7 +181,7 @@ static __device__ __forceinline__ void gpu_map(const raster_grid &grid, const in
     }
 }
 
-/* round_map along one axis: whether it stays within the tolerance when rounded */
+/* Same as round_map along one axis: return whether the rounded map is within the tolerance. */
 static __device__ __forceinline__ bool gpu_is_whole(const raster_grid &grid, int source_size, const int fixed[4][3], const double *rest,
                                                     const double *map, double *rounded)
 {
@@ -194,7 +200,7 @@ static __device__ __forceinline__ bool gpu_is_whole(const raster_grid &grid, int
     return whole;
 }
 
-/* stays_inside along one axis */
+/* same as stays_inside, along one axis */
 static __device__ __forceinline__ bool gpu_stays_inside(int source_size, const double *rest, const double *map)
 {
     bool inside = source_size <= 1 << 16 && fabs(map[0]) + fabs(map[1]) + fabs(map[2]) <= 64;
@@ -209,7 +215,7 @@ static __device__ __forceinline__ unsigned ballot_of_four(bool value)
     return __ballot_sync(0xffffffff, value) >> (threadIdx.x & 28) & 15;
 }
 
-/* Its place among the four where those with the flag come first. */
+/* Return the position of v when the items with a flag come first. */
 static __device__ __forceinline__ int place_among(unsigned flags, int v)
 {
     const unsigned before = (1u << v) - 1;
@@ -221,7 +227,7 @@ static __device__ __forceinline__ int gpu_pick(const int fixed[4][3], int node, 
     return node == 0 ? fixed[0][d] : node == 1 ? fixed[1][d] : node == 2 ? fixed[2][d] : fixed[3][d];
 }
 
-/* Where plane v begins or ends rows. One along the rows bounds nothing here, and leaves no row without doubt. */
+/* Compute the row bound of plane v. A plane parallel to the rows is no bound here and leaves every row in doubt. */
 static __device__ __forceinline__ unsigned set_rows(const long long *normal, long long value, const int *middle, int v, gpu_tet *out)
 {
     const unsigned begins = ballot_of_four(normal[0] > 0);
@@ -235,8 +241,9 @@ static __device__ __forceinline__ unsigned set_rows(const long long *normal, lon
     return begins;
 }
 
-/* Where an edge of the outline begins or ends slices. It is seen where a plane that begins rows meets one that does not: thread v
- * takes its own plane and one of the other kind, so that every such pair has a thread. An edge along j bounds nothing. */
+/* Compute the slice bound of an edge of the outline. The outline consists of edges between a plane that begins rows and
+ * one that ends rows. Thread v combines its own plane with one of the other kind, so every such pair is covered. An
+ * edge along j is no bound. */
 static __device__ __forceinline__ unsigned set_slices(const raster_grid &grid, const int fixed[4][3], unsigned begins, const int *middle, int v,
                                                       gpu_tet *out)
 {
@@ -245,10 +252,11 @@ static __device__ __forceinline__ unsigned set_slices(const raster_grid &grid, c
     const int first_begin = __ffs((int)begins) - 1, last_begin = 31 - __clz((int)begins);
     const int first_end = __ffs((int)ends) - 1, last_end = 31 - __clz((int)ends);
     const int p = own ? v : v == first_end ? last_begin : first_begin, q = !own ? v : v == first_begin ? first_end : last_end;
-    const unsigned nodes = 15 & ~(1u << (p & 3) | 1u << (q & 3)); /* of the edge; p and q are no planes where nothing is drawn */
+    /* nodes of the edge; p and q are invalid if nothing is drawn */
+    const unsigned nodes = 15 & ~(1u << (p & 3) | 1u << (q & 3));
     const int one = __ffs((int)nodes) - 1, two = 31 - __clz((int)nodes);
     const int j = gpu_pick(fixed, one, 1), k = gpu_pick(fixed, one, 2), along_j = gpu_pick(fixed, two, 1) - j, along_k = gpu_pick(fixed, two, 2) - k;
-    /* node q is on the plane that begins rows, and not on the edge: the tetrahedron lies on its side */
+    /* node q lies on the plane that begins rows, but not on the edge, so it gives the side of the tetrahedron */
     const long long side = (long long)(gpu_pick(fixed, q & 3, 1) - j) * along_k - (long long)(gpu_pick(fixed, q & 3, 2) - k) * along_j;
     const bool low = along_k == 0 || (along_k > 0) == (side > 0);
     const unsigned lows = ballot_of_four(low);
@@ -269,8 +277,8 @@ static __device__ __forceinline__ bool gpu_in_mask(const short *low, const short
     return in;
 }
 
-/* find_bricks by one plane; near: its value at the first voxel of the first brick. Values at the corners of bricks in the mask are
- * exact in double. */
+/* Same as find_bricks for one plane. Values at the corners of bricks in the mask are exact in double precision.
+ * near: value at the first voxel of the first brick */
 static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short *low, const short *high, const double *normal, double near)
 {
     unsigned long long bricks = 0;
@@ -292,9 +300,9 @@ static __device__ __forceinline__ unsigned long long gpu_find_bricks(const short
     return bricks;
 }
 
-/* ---- in a brick */
+/* ---- inside a brick */
 
-/* owner_choose_base, along one axis */
+/* same as owner_choose_base, along one axis */
 static __device__ __forceinline__ int gpu_base(const gpu_tet &tet, const int *origin, int d, int source_size)
 {
     double at = tet.map[d][3];
@@ -303,7 +311,7 @@ static __device__ __forceinline__ int gpu_base(const gpu_tet &tet, const int *or
     return at >= end ? end : at > 0 ? (int)at : 0;
 }
 
-/* owner_fill_sample, along one axis */
+/* same as owner_fill_sample, along one axis */
 static __device__ __forceinline__ float gpu_slot_origin(const double *map, const int *origin, int base)
 {
     return (float)(map[0] * origin[0] + map[1] * origin[1] + map[2] * origin[2] + (map[3] - base));

@@ -1,14 +1,15 @@
-/* The voxels of a brick, by one block: who owns each, then its value. */
+/* Draw the voxels of a brick with one block: find the owner of each voxel, then its value. */
 #include "cuda/base/check.h"
 #include "cuda/warp/owners.cuh"
 
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
-enum { BLOCKS = 4 }; /* of a multiprocessor at a time: as many threads as it takes, and registers that few values miss */
+enum { BLOCKS = 4 }; /* minimum number of resident blocks per multiprocessor: full occupancy with few register spills */
 #else
 enum { BLOCKS = 5 };
 #endif
 
-/* The source voxel that maps are relative to: where the first owner has the middle of the brick. One thread an axis. */
+/* Choose the source voxel relative to which maps are stored: the first owner's source position of the brick's centre.
+ * One thread per axis. */
 static __device__ void choose_base(const gpu_raster &raster, const gpu_tet &tet, const int *origin, int d, brick_state &brick)
 {
     const int size = raster.source_size[d], base = gpu_base(tet, origin, d, size), end = size - 1;
@@ -31,7 +32,7 @@ static __device__ __forceinline__ void fill_slot(const double (*map)[4], const i
     out.i_z = (float)map[2][0];
 }
 
-/* What nobody holds is fetched from the scan's first voxel, so that all threads do the same. */
+/* Voxels without owner fetch the scan's first voxel, so that all threads follow the same path. */
 static __device__ __forceinline__ void fill_nobody(const limits &limit, slot &out)
 {
     for (int d = 0; d < 3; d++) {
@@ -50,7 +51,7 @@ static __device__ __forceinline__ uint8_t rounded(double value, uint8_t) { retur
 static __device__ __forceinline__ int16_t rounded(double value, int16_t) { return (int16_t)__double2int_rn(value); }
 static __device__ __forceinline__ float rounded(double value, float) { return (float)value; }
 
-/* of a parted element, from its own voxels */
+/* Interpolate the voxels of the element's own part. */
 template <class Voxel> static __device__ __forceinline__ double own_value(const gpu_raster &raster, int id, const part_cell &cell, const double *values, Voxel)
 {
     return part_value(&raster.parts, raster.parts.elements[id], &cell, values);
@@ -60,8 +61,8 @@ static __device__ __forceinline__ double own_value(const gpu_raster &raster, int
     return part_nearest(&raster.parts, raster.parts.elements[id], &cell, values);
 }
 
-/* A voxel of an element that is parted, from its own voxels alone; false: all around it are, and nothing else is to be done. Not for
- * those that copy. */
+/* Draw a voxel of an element at a cut from the element's own voxels. Return false if all surrounding voxels belong to
+ * the element, so that no masking is needed. Not for elements that copy voxels. */
 template <class Voxel> static __device__ __noinline__ bool draw_masked(const gpu_raster &raster, int id, int i, int j, int k, Voxel *out)
 {
     typedef typename sampler<Voxel>::source source;
@@ -79,13 +80,14 @@ template <class Voxel> static __device__ __noinline__ bool draw_masked(const gpu
     return true;
 }
 
-enum { COPIES = 1, PARTED = 2 }; /* what a candidate does */
+enum { COPIES = 1, PARTED = 2 }; /* flags of a candidate */
 
-/* The voxels of a part: neighbours along i by neighbouring threads, some on their way at a time. */
+/* Write the voxels of a region. Adjacent threads write adjacent voxels along i, several loads in flight per thread. */
 template <class Voxel, bool INNER, int SIZE, bool PARTS>
 static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, const part &where, const int *origin, const brick_state &brick)
 {
-    enum { SLICES = THREADS / (SIZE * SIZE), AT_ONCE = 2 }; /* slices of all threads together; voxels of one */
+    /* slices per iteration of all threads; voxels in flight per thread */
+    enum { SLICES = THREADS / (SIZE * SIZE), AT_ONCE = 2 };
     const int *size = raster.grid.target.size;
     const int i = where.low[0] + (int)threadIdx.x % SIZE, j = where.low[1] + (int)threadIdx.x / SIZE % SIZE;
     if (origin[0] + i >= size[0] || origin[1] + j >= size[1]) return;
@@ -116,7 +118,7 @@ static __device__ __forceinline__ void write_voxels(const gpu_raster &raster, co
     }
 }
 
-/* The background in a brick that nobody holds a voxel of. */
+/* Write the background to a region without owners. */
 template <class Voxel, int SIZE>
 static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, const part &where, const int *origin)
 {
@@ -129,7 +131,8 @@ static __device__ __forceinline__ void clear_voxels(const gpu_raster &raster, co
     }
 }
 
-/* Values of a part whose owners are known, from there on by all threads. choose: the base is not yet known; brick.inner is 1. */
+/* Write the values of a region whose owners are known, starting with all threads together.
+ * choose: the base voxel must be chosen; brick.inner is 1 */
 template <class Voxel, int SIZE, bool PARTS>
 static __device__ __forceinline__ void write_part(const gpu_raster &raster, const part &where, int count, bool choose, const int *origin,
                                                   brick_state &brick)
@@ -140,7 +143,7 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
         return;
     }
     const bool own = thread < count;
-    double map[3][4]; /* on its way while the base is chosen */
+    double map[3][4]; /* loads in flight while the base is chosen */
     if (own)
         for (int m = 0; m < 12; m++) map[m / 4][m % 4] = tet_of(raster, brick.id[thread]).map[m / 4][m % 4];
     if (choose && thread < 3) choose_base(raster, tet_of(raster, (int)(brick.first >> 8)), origin, thread, brick);
@@ -160,9 +163,9 @@ static __device__ __forceinline__ void write_part(const gpu_raster &raster, cons
     else write_voxels<Voxel, false, SIZE, PARTS>(raster, where, origin, brick);
 }
 
-/* ---- bricks with more candidates than a byte can name: by eighths; where one of those has too many, by voxel */
+/* ---- bricks with more candidates than a byte can index are divided into eighths, and those again into voxels */
 
-/* Each voxel by itself: its owner, from a list of any length, then its value. */
+/* Draw each voxel separately: its owner from a list of any length, then its value. */
 template <class Voxel, bool PARTS>
 static __device__ __forceinline__ void draw_by_voxel(const gpu_raster &raster, const int *list, int count, const int *origin,
                                                      brick_state &brick)
@@ -197,7 +200,7 @@ static __device__ __forceinline__ part eighth(int n)
     return {{(n & 1) * (BRICK / 2), (n >> 1 & 1) * (BRICK / 2), (n >> 2) * (BRICK / 2)}, BRICK / 2};
 }
 
-/* A brick by its eighths. false: one of those has too many candidates as well. */
+/* Draw a brick in eighths. Return false if an eighth has too many candidates. */
 template <class Voxel, bool PARTS>
 static __device__ __forceinline__ bool draw_eighths(const gpu_raster &raster, const int *list, int count, const int *origin,
                                                     brick_state &brick)
@@ -227,10 +230,12 @@ static __device__ __forceinline__ void clear_brick(brick_state &brick)
         reinterpret_cast<uint4 *>(brick.owner)[n] = make_uint4(~0u, ~0u, ~0u, ~0u);
 }
 
-/* Which bricks a kernel draws: where nothing is cut all, else first those that no element touches that is parted, then those. */
+/* Bricks that a kernel draws: all if there is no cut; otherwise first the bricks without elements at a cut, then the
+ * others. */
 enum bricks { ALL_BRICKS, WHOLE_BRICKS, PARTED_BRICKS };
 
-/* One block a brick. leave: bricks with more candidates than a byte can name keep their count, for crowded_kernel. */
+/* Draw with one block per brick.
+ * leave: bricks with more candidates than a byte can index keep their count, for crowded_kernel */
 template <class Voxel, bricks WHICH> static __global__ void __launch_bounds__(THREADS, BLOCKS) raster_kernel(gpu_raster raster, bool leave)
 {
     enum { PARTS = WHICH == PARTED_BRICKS };
@@ -247,7 +252,7 @@ template <class Voxel, bricks WHICH> static __global__ void __launch_bounds__(TH
         if (thread < count) brick.id[thread] = id;
         find_owners<PARTS>(raster, whole, count, origin, brick);
     } else {
-        __syncthreads(); /* all have read them */
+        __syncthreads(); /* all threads have read them */
     }
     if (thread == 0) {
         raster.d_changed[b] = (uint8_t)dirty;
@@ -261,7 +266,7 @@ template <class Voxel, bricks WHICH> static __global__ void __launch_bounds__(TH
     else clear_voxels<Voxel, BRICK>(raster, whole, origin);
 }
 
-/* After raster_kernel: the bricks that still have a count. */
+/* Draw the bricks that still have a count after raster_kernel. */
 template <class Voxel, bool PARTS> static __global__ void __launch_bounds__(THREADS) crowded_kernel(gpu_raster raster)
 {
     __shared__ brick_state brick;
@@ -280,9 +285,9 @@ template <class Voxel, bool PARTS> static __global__ void __launch_bounds__(THRE
     draw_by_voxel<Voxel, PARTS>(raster, list, count, origin, brick);
 }
 
-/* ---- owners alone */
+/* ---- owners without values */
 
-/* One block a brick. Bricks with more candidates than their lists hold are drawn again: here they have nobody. */
+/* One block per brick. Bricks whose lists overflowed are redone later and get no owners here. */
 static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raster, int32_t *d_owner)
 {
     __shared__ brick_state brick;
@@ -291,7 +296,7 @@ static __global__ void __launch_bounds__(THREADS) owners_kernel(gpu_raster raste
     const int *list = raster.d_list + (size_t)b * raster.capacity, count = raster.d_count[b];
     const part whole = {{0, 0, 0}, BRICK};
     const bool any = count > 0 && count <= raster.capacity;
-    __syncthreads(); /* all have read it */
+    __syncthreads(); /* all threads have read it */
     if (thread == 0) {
         raster.d_count[b] = 0;
         raster.d_dirty[b] = raster.d_parted[b] = 0;

@@ -1,4 +1,5 @@
-/* Bricks of a volume by a warp each, pixels in tiles of 8 x 4 by a warp each, so that neighbouring rays read the same voxels. */
+/* Compute the brick maxima with one warp per brick, and the pixels with one warp per tile of 8 x 4 pixels, so that
+ * adjacent rays read the same voxels. */
 #include "cuda/base/check.h"
 #include "cuda/warp/render.h"
 
@@ -6,7 +7,7 @@
 
 enum { THREADS = 128, TILE_WIDTH = 8, TILE_HEIGHT = 16, WARP = 32 };
 
-/* The largest of a brick's values; each lane takes every 32nd of its columns. */
+/* Compute the maximum value of a brick. Each lane takes every 32nd column. */
 template <pliant_encoding ENCODING, bool BY_LABEL> static __global__ void __launch_bounds__(THREADS) bricks_kernel(const render_scene scene)
 {
     const int32_t b = (int32_t)((blockIdx.x * THREADS + threadIdx.x) / WARP), lane = (int32_t)threadIdx.x % WARP;
@@ -42,7 +43,7 @@ template <pliant_encoding ENCODING> static pliant_status draw(const render_scene
     return !d_out.integral && scene.style.by_label ? draw<ENCODING, true>(scene, d_out, stream) : draw<ENCODING, false>(scene, d_out, stream);
 }
 
-/* The arrays that are asked for, one behind the other from a block on; how many bytes. */
+/* Place the requested arrays consecutively in a block. Return the number of bytes. */
 static size_t place(const render_output &wanted, size_t pixels, uint8_t *block, render_output *out)
 {
     size_t bytes = 0;

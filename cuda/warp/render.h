@@ -1,4 +1,5 @@
-/* Pictures where the GPU has drawn the volume: a thread a pixel, the operations of src/warp/ray.h, and so the CPU's bits. */
+/* Render images from the volume on the GPU, one thread per pixel. The operations are those in src/warp/ray.h, so the
+ * images are bitwise identical to the CPU's. */
 #ifndef PLIANT_CUDA_RENDER_H
 #define PLIANT_CUDA_RENDER_H
 
@@ -10,15 +11,18 @@
 extern "C" {
 #endif
 
-/* Room for pictures, kept for the next ones. */
+/* Buffers that are kept between images. */
 typedef struct gpu_pictures {
     float *d_bricks;
     size_t brick_bytes;
-    void *d_pixels, *h_pixels; /* one array behind the other; page-locked */
+    void *d_pixels, *h_pixels; /* consecutive arrays; h_pixels is page-locked */
     size_t device_bytes, host_bytes;
 } gpu_pictures;
 
-/* scene: with voxels and labels of the device. out: of the host; it is there when this returns. Errors: MEMORY, UNAVAILABLE. */
+/* Render an image.
+ * scene: with device voxels and labels
+ * out: host memory, complete when this function returns
+ * Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_see(gpu_pictures *pictures, const render_scene *scene, const render_output *out, cudaStream_t stream);
 void pliant_cuda_pictures_free(gpu_pictures *pictures);
 

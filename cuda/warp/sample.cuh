@@ -1,17 +1,18 @@
-/* The value of a voxel, from the map of its owner: the operations of src/warp/sample_portable.c in their order. (This is
- * compiled without fused multiply-adds; the one that is written down rounds an exact product and sum once, as there.) */
+/* Compute the value of a voxel from its owner's map, with the same operations in the same order as
+ * src/warp/sample_portable.c. (This file is compiled without fused multiply-adds. The explicit one rounds an exact
+ * product and sum once, as the CPU does.) */
 #ifndef PLIANT_CUDA_SAMPLE_CUH
 #define PLIANT_CUDA_SAMPLE_CUH
 
 #include "cuda/warp/raster_math.cuh"
 #include "cuda/warp/rasterize.h"
 
-/* raster_slot; steps along i: i_x, i_y, i_z */
+/* Same as raster_slot; the steps along i are i_x, i_y, i_z. */
 struct alignas(16) slot { float origin[3], i_x, step_j[3], i_y, step_k[3], i_z; };
 
 struct limits { float low[3], high[3], last[3]; }; /* relative to the brick's base voxel */
 
-/* added to numbers below 2^22 in size, rounded down, it leaves their floor in the low bits */
+/* Adding this constant to a number below 2^22 and rounding down leaves the floor in the low bits. */
 static const float floor_shift = 12582912.0f;
 #define FLOOR_BITS 0x4b400000u
 
@@ -33,8 +34,8 @@ template <bool INNER> static __device__ __forceinline__ float split(float at, co
     return at - (shifted - floor_shift);
 }
 
-/* What lies at a place of d_source, and its value between the voxel there and its right neighbour. 8 and 16 bit voxels are there
- * in pairs; with their 16 bits under the exponent of 2^23 they are floats, and offset takes that and the bias off again. */
+/* Element of d_source, and interpolation between a voxel and its right neighbour. 8 and 16 bit voxels are stored in
+ * pairs. With their 16 bits under the exponent of 2^23 they are floats; offset removes that and the bias. */
 template <class Voxel> struct sampler {
     typedef unsigned source;
     static __device__ __forceinline__ float along(unsigned pair, float weight)
@@ -44,41 +45,44 @@ template <class Voxel> struct sampler {
         const float right = __int_as_float((int)__byte_perm(pair, 0x4b000000u, 0x7432));
         return fmaf(right - left, weight, left - offset);
     }
-    static __device__ __forceinline__ float weight(float x) { return (x + 768.0f) - 768.0f; } /* to 14 bits, as on the CPU */
-    /* its low bits are the nearest whole number */
+    /* rounded to 14 bits, as on the CPU */
+    static __device__ __forceinline__ float weight(float x) { return (x + 768.0f) - 768.0f; }
+    /* the low bits contain the nearest integer */
     static __device__ __forceinline__ Voxel voxel(float value) { return (Voxel)__float_as_int(value + floor_shift); }
     static __device__ __forceinline__ Voxel copied(unsigned) { return 0; }
-    static const bool copies = false; /* a sample at a voxel is the voxel */
+    static const bool copies = false; /* a sample at a voxel equals the voxel */
 };
 
-/* each voxel and what its right neighbour has more */
+/* Stored as the voxel and the difference to its right neighbour. */
 template <> struct sampler<float> {
     typedef float2 source;
     static __device__ __forceinline__ float along(float2 voxel, float weight) { return voxel.x + weight * voxel.y; }
     static __device__ __forceinline__ float weight(float x) { return x; }
     static __device__ __forceinline__ float voxel(float value) { return value; }
     static __device__ __forceinline__ float copied(float2 voxel) { return voxel.x; }
-    static const bool copies = true; /* -0.0f and what is not a number stay what they are */
+    static const bool copies = true; /* copying preserves -0.0f and NaN */
 };
 
-/* of a cell whose corner is the base voxel: what lies there, less the bits that split() leaves in its whole numbers */
+/* Return the index of the base voxel, corrected for the bits that split() leaves in its integers. */
 static __device__ __forceinline__ unsigned first_place(const gpu_raster &raster, unsigned base_index)
 {
     return base_index - FLOOR_BITS * (1 + (unsigned)raster.source_step[1] + (unsigned)raster.source_step[2]);
 }
 
-/* Plain loads, from a copy of the scan: the filter of texture units has weights of 9 bits, and unfiltered fetches from a texture take
- * longer. 5 M voxels on an H100, with the same maps and the same bits: these loads 0.024 ms, two gathers from layers 0.027, eight
- * fetches from three dimensions 0.051. */
+/* Plain loads from a copy of the scan. The filter of texture units has only 9 bit weights, and unfiltered texture
+ * fetches are slower. Drawing 5 M voxels on an H100 with the same result takes 0.024 ms with these loads. It takes
+ * 0.027 ms with two gathers from layered textures, and 0.051 ms with eight 3D texture fetches. */
 
-/* The cell that a place of the scan lies in: what is at its corners, and where in it. */
+/* Cell of the scan that contains a point: the values at its corners and the position inside. */
 template <class Voxel> struct cell {
-    typename sampler<Voxel>::source c00, c10, c01, c11; /* its left corners: (y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1) */
+    /* left corners: (y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1) */
+    typename sampler<Voxel>::source c00, c10, c01, c11;
     float x, y, z;
-    bool copied; /* c00 is the value */
+    bool copied; /* whether c00 is the value */
 };
 
-/* base: first_place of the brick's base voxel. copy: the map takes voxels to voxels. */
+/* base: first_place of the brick's base voxel
+ * copy: the map takes voxels to voxels */
 template <class Voxel, bool INNER>
 static __device__ __forceinline__ cell<Voxel> fetch(const gpu_raster &raster, const limits &limit, unsigned base, const float *at, bool copy)
 {
@@ -91,7 +95,7 @@ static __device__ __forceinline__ cell<Voxel> fetch(const gpu_raster &raster, co
     out.z = split<INNER>(at[2], limit, 2, &k);
     out.copied = how::copies && copy;
     unsigned place = base + i + j * step_j + k * step_k;
-    /* a voxel's centre exactly: beyond the last cell's left corner it is the right one */
+    /* exactly a voxel's centre; in the last cell it may be the right corner */
     if (out.copied) place += (out.x != 0 ? 1 : 0) + (out.y != 0 ? step_j : 0) + (out.z != 0 ? step_k : 0);
     const typename how::source *source = static_cast<const typename how::source *>(raster.d_source);
     out.c00 = __ldg(source + place);
@@ -112,7 +116,7 @@ template <class Voxel> static __device__ __forceinline__ Voxel value_in(const ce
     return how::voxel(between(low, high, from.z));
 }
 
-/* A label of 8 bits: the nearest voxel's. */
+/* An 8 bit label, taken from the nearest voxel. */
 struct nearest_label {
     uint8_t value;
     __device__ __forceinline__ nearest_label() : value(0) {}

@@ -13,7 +13,7 @@
 
 enum { BEGUN, CULLED, DRAWN, NUM_MARKS };
 
-/* Arrays that are of a body, and what they have room for. */
+/* Arrays that depend on the body, and their capacities. */
 enum { TETS, REST, FIXED, SETUP, GUESTS, ELEMENTS, BOXES, LABELS, PARTED, POSITIONS, BODY_ARRAYS };
 struct body_room { bool grows; size_t bytes[BODY_ARRAYS]; };
 
@@ -22,27 +22,27 @@ struct cuda_next;
 struct pliant_cuda_warp {
     pliant_warp_parts parts;
     int device;
-    cudaStream_t stream;       /* its own: updates from the host, copies to it */
+    cudaStream_t stream;       /* for updates from the host and copies to it */
     gpu_raster raster;
     body_room room;
-    cuda_next *spare;          /* Nullable: arrays of the body before, for the next one */
+    cuda_next *spare;          /* Nullable: arrays of the previous body, for reuse by the next one */
     pliant_cuda_fit *fit;      /* NULL: rasterize */
-    double *d_positions;       /* (num_nodes x 3) of updates from the host */
+    double *d_positions;       /* (num_nodes x 3) positions of updates from the host */
     cudaEvent_t marks[NUM_MARKS];
     uint8_t *h_changed;        /* (num_bricks), page-locked */
     int32_t *h_longest;        /* page-locked */
-    march_crossing *d_crossing, *h_crossing; /* of a pick; page-locked */
+    march_crossing *d_crossing, *h_crossing; /* result of a pick; h_crossing is page-locked */
     gpu_pictures pictures;
-    uint8_t *stale;            /* (slabs of bricks along k) to be fetched */
+    uint8_t *stale;            /* (slabs of bricks along k) whether the host copy is outdated */
     bool drawn;
-    bool crowded;              /* there was a brick that the usual kernel cannot draw */
-    bool page_locked;          /* the host's volume was made so */
+    bool crowded;              /* a brick needs the kernel for many candidates */
+    bool page_locked;          /* the host's volume is page-locked */
     size_t volume_bytes;
 };
 
-/* 32 bits count voxels of the scan with room for sums, and 24 bits of an owner's key tetrahedra */
+/* 32 bits index voxels of the scan with a margin for sums; 24 bits of an owner's key index tetrahedra */
 static const int most_voxels = 1 << 30, most_tets = 1 << 24;
-/* candidates of a brick at first: more than any but the most crowded bricks have */
+/* initial candidates per brick; only very crowded bricks have more */
 static const int32_t first_capacity = 192;
 
 template <class T> static pliant_status allocate(size_t count, T **d_out)
@@ -80,14 +80,15 @@ static pliant_status upload_source(pliant_cuda_warp *gpu)
     return status;
 }
 
-/* What is here of the body before, was sent from where, and differs. */
+/* Previous body on the device, its host data, and the differences. */
 struct known_body {
     const gpu_raster *raster;
     const pliant_warp_parts *parts;
     const pliant_warp_changes *changes;
 };
 
-/* An array of which the first ones are here: what differs from before, or lies behind them, is sent. h_before: NULL: nothing differs */
+/* Send an array whose first elements are on the device: the changed elements and the additional ones.
+ * h_before: NULL: no element has changed */
 template <class T>
 static pliant_status send_next(const T *h_from, size_t count, const T *d_before, const T *h_before, size_t before, int array, cudaStream_t stream, body_room *room, const T **d_out)
 {
@@ -99,10 +100,10 @@ static pliant_status send_next(const T *h_from, size_t count, const T *d_before,
     return same == count ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_to + same, h_from + same, (count - same) * sizeof(T), cudaMemcpyHostToDevice, stream));
 }
 
-/* Corners of elements, of a mesh that may be anyone's: of those that both bodies have, what differs is drawn anew. */
+/* Send the corners of elements. For elements of both bodies, only the changed ones are sent. */
 static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known, cudaStream_t stream, body_room *room, const int32_t **d_out)
 {
-    enum { NEAR = 256 }; /* what lies between two goes along */
+    enum { NEAR = 256 }; /* changed ranges with a smaller gap are sent together */
     const size_t count = 4 * (size_t)mesh->num_tets;
     if (!known) return send(mesh->tets, count, TETS, stream, room, d_out);
     const pliant_warp_changes *changes = known->changes;
@@ -116,7 +117,8 @@ static pliant_status send_tets(const pliant_mesh *mesh, const known_body *known,
     return PLIANT_OK;
 }
 
-/* what is of a body; known: Nullable */
+/* Send everything that depends on the body.
+ * known: Nullable */
 static pliant_status fill_body(const pliant_warp_parts *parts, const known_body *known, cudaStream_t stream, gpu_raster *raster, body_room *room)
 {
     const gpu_raster *here = known ? known->raster : raster;
@@ -134,11 +136,13 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     CUDA_TRY(room_for(12 * elements, FIXED, room, &raster->d_fixed));
     CUDA_TRY(room_for(elements * pliant_cuda_setup_bytes(), SETUP, room, &d_setup));
     raster->d_setup = d_setup;
-    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_setup, 0, elements * pliant_cuda_setup_bytes(), stream))); /* what is not drawn is carried, too */
+    /* elements that are not drawn are carried over, too */
+    CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_setup, 0, elements * pliant_cuda_setup_bytes(), stream)));
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(raster->d_fixed, 0, 12 * elements * sizeof *raster->d_fixed, stream)));
     if (!cut) {
         raster->parts.num_elements = 0;
-        pliant_cuda_release(const_cast<part_element *>(raster->parts.elements)); /* tells whether there is a cut */
+        /* the pointer also shows whether there is a cut */
+        pliant_cuda_release(const_cast<part_element *>(raster->parts.elements));
         raster->parts.elements = nullptr;
         return PLIANT_OK;
     }
@@ -148,7 +152,8 @@ static pliant_status fill_body(const pliant_warp_parts *parts, const known_body 
     CUDA_TRY(send_next(cut->view.elements, elements, here->parts.elements, cut_here ? cut_here->view.elements : nullptr, cut_here ? (size_t)cut_here->view.num_elements : 0,
                        ELEMENTS, stream, room, &raster->parts.elements));
     if (cut->num_boxes > 0) CUDA_TRY(send(cut->view.boxes, (size_t)cut->num_boxes, BOXES, stream, room, &raster->parts.boxes));
-    const size_t labels_here = cut_here && cut_here->pool == cut->pool ? (size_t)cut_here->num_labels : 0; /* of one pool: those that come later are behind them */
+    /* of the same pool, in which later labels follow the earlier ones */
+    const size_t labels_here = cut_here && cut_here->pool == cut->pool ? (size_t)cut_here->num_labels : 0;
     if (cut->num_labels > 0)
         CUDA_TRY(send_next<uint16_t>(cut->view.labels, (size_t)cut->num_labels, here->parts.labels, nullptr, labels_here, LABELS, stream, room, &raster->parts.labels));
     CUDA_TRY(room_for(bricks, PARTED, room, &raster->d_parted));
@@ -162,7 +167,7 @@ static void release_body(const gpu_raster *raster)
     for (const void *block : blocks) pliant_cuda_release(const_cast<void *>(block));
 }
 
-/* which elements touch which bricks; once */
+/* Build the initial lists of elements per brick. */
 static pliant_status fill_lists(pliant_cuda_warp *gpu)
 {
     gpu_raster *raster = &gpu->raster;
@@ -178,7 +183,7 @@ static pliant_status fill_lists(pliant_cuda_warp *gpu)
     return CUDA_CALL(cudaMemsetAsync(raster->d_list, 0, bricks * (size_t)raster->capacity * sizeof *raster->d_list, gpu->stream));
 }
 
-/* what the elements' own maps need: where there is no fit, and of a fit where tissue is cut */
+/* Send what the elements' own maps need: everything without a fit, otherwise the parts near a cut. */
 static pliant_status fill_raster(pliant_cuda_warp *gpu)
 {
     if (!gpu->parts.fit) CUDA_TRY(upload_source(gpu));
@@ -301,15 +306,16 @@ static pliant_status lengthen(gpu_raster *raster, int32_t longest, cudaStream_t 
     return CUDA_CALL(cudaMemsetAsync(d_list, 0, count * sizeof *d_list, stream));
 }
 
-/* bricks that more tetrahedra touch than the lists hold, or than the usual kernel can draw, were left as they were */
+/* Repeat the update for the bricks whose lists overflowed, or which the usual kernel cannot draw. */
 static pliant_status draw_again(pliant_cuda_warp *gpu, const double *d_positions, cudaStream_t stream)
 {
-    gpu->drawn = false; /* should this fail, all is to be drawn anew */
+    gpu->drawn = false; /* after a failure the next update draws everything */
     gpu->crowded = *gpu->h_longest > pliant_cuda_longest_usual();
     if (*gpu->h_longest > gpu->raster.capacity) CUDA_TRY(lengthen(&gpu->raster, *gpu->h_longest, stream));
     CUDA_TRY(pliant_cuda_warp_enqueue(gpu, d_positions, stream));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
-    memset(gpu->h_changed, 1, (size_t)gpu->raster.num_bricks); /* the first time may have changed what this one did not */
+    /* the first pass may have changed bricks that the second one did not */
+    memset(gpu->h_changed, 1, (size_t)gpu->raster.num_bricks);
     return PLIANT_OK;
 }
 
@@ -339,7 +345,8 @@ extern "C" pliant_status pliant_cuda_warp_update(pliant_cuda_warp *gpu, const do
     return pliant_cuda_warp_finish(gpu, gpu->d_positions, gpu->stream);
 }
 
-/* Slabs of bricks along k lie together in memory: each run of stale ones is one copy. */
+/* Copy the volume to the host. Slabs of bricks along k are contiguous in memory, so each run of outdated slabs is one
+ * copy. */
 extern "C" pliant_status pliant_cuda_warp_fetch(pliant_cuda_warp *gpu)
 {
     const raster_grid *grid = &gpu->raster.grid;
@@ -375,7 +382,7 @@ extern "C" pliant_status pliant_cuda_warp_cross(pliant_cuda_warp *gpu, const mar
     return PLIANT_OK;
 }
 
-/* labels: drawn on a stream of their own, which their update has waited for */
+/* labels: drawn on a separate stream, whose update is complete */
 static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, const render_scene *given, const render_output *out)
 {
     render_scene scene = *given;
@@ -385,12 +392,12 @@ static pliant_status see(pliant_cuda_warp *gpu, const pliant_cuda_warp *labels, 
     return pliant_cuda_see(&gpu->pictures, &scene, out, gpu->stream);
 }
 
-/* ---- another body */
+/* ---- change to another body */
 
 struct cuda_next {
     pliant_cuda_warp *of;
     pliant_warp_parts parts;
-    gpu_raster raster;         /* what is of a body */
+    gpu_raster raster;         /* data that depends on the body */
     body_room room;
     double *d_positions;
     pliant_cuda_fit *fit;
@@ -410,7 +417,7 @@ static void free_next(cuda_next *next)
     pliant_free(next);
 }
 
-/* What it has is the spare of the one after. */
+/* Release a prepared body. Its arrays become the spare for the following one. */
 static void drop_next(cuda_next *next)
 {
     if (!next) return;
@@ -428,7 +435,7 @@ static pliant_status send_list(const int32_t *h_from, int32_t count, cudaStream_
     return count == 0 ? PLIANT_OK : CUDA_CALL(cudaMemcpyAsync(d_block, h_from, (size_t)count * sizeof *h_from, cudaMemcpyHostToDevice, stream));
 }
 
-/* The elements of the next body as they were drawn; what was drawn before is only read. */
+/* Carry the elements over to the next body with their drawn state. The previous state is only read. */
 static pliant_status carry(pliant_cuda_warp *gpu, const pliant_warp_changes *changes, cuda_next *next)
 {
     const known_body known = {&gpu->raster, &gpu->parts, changes};
@@ -449,7 +456,8 @@ static pliant_status fill_next(pliant_cuda_warp *gpu, const pliant_warp_changes 
     CUDA_TRY(pliant_cuda_fit_create(parts->fit, parts->rest, parts->source, gpu->stream, &next->fit));
     if (!parts->parts) return PLIANT_OK;
     CUDA_TRY(fill_lists(gpu));
-    CUDA_TRY(fill_body(parts, nullptr, gpu->stream, &next->raster, &next->room)); /* all is set up anew in every update */
+    /* every update sets up all elements */
+    CUDA_TRY(fill_body(parts, nullptr, gpu->stream, &next->raster, &next->room));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
@@ -468,7 +476,7 @@ static pliant_status prepare_next(pliant_cuda_warp *gpu, const pliant_warp_parts
         drop_next(next);
         return status;
     }
-    next->parts.rest = NULL; /* is uploaded, and goes */
+    next->parts.rest = NULL; /* already uploaded, and freed by the caller */
     *out = next;
     return PLIANT_OK;
 }
@@ -480,7 +488,7 @@ template <class T> static void exchange(T *a, T *b)
     *b = other;
 }
 
-/* Where a kernel cannot be started any more, the next update draws all, or fails. */
+/* Switch to the next body. If a kernel cannot be started any more, the next update draws everything or fails. */
 static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
 {
     gpu_raster *old = &gpu->raster, *now = &next->raster;
@@ -502,7 +510,7 @@ static void take_next(pliant_cuda_warp *gpu, cuda_next *next)
     exchange(&gpu->fit, &next->fit);
 }
 
-/* ---- the table */
+/* ---- function table */
 
 static pliant_status create_object(const pliant_warp_parts *parts, void **object)
 {
@@ -537,7 +545,7 @@ static pliant_status prepare_object(void *object, const pliant_warp_parts *parts
 static void take_object(void *object, void *next) { take_next(static_cast<pliant_cuda_warp *>(object), static_cast<cuda_next *>(next)); }
 static void drop_object(void *next) { drop_next(static_cast<cuda_next *>(next)); }
 
-/* by name: C++14 has no designated initializers */
+/* assigned by name, because C++14 has no designated initializers */
 static constexpr pliant_warp_device table()
 {
     pliant_warp_device made{};

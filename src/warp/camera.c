@@ -1,4 +1,4 @@
-/* Cameras from what people know of them, and how a scan looks by default. */
+/* Create cameras from their usual parameters, and choose the default appearance of a scan. */
 #include "base/fail.h"
 #include "pliant/render.h"
 
@@ -17,7 +17,7 @@ static void cross(const double a[3], const double b[3], double out[3])
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-/* false: it has no length */
+/* Normalize a vector; false for length zero. */
 static bool make_unit(double v[3])
 {
     const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -46,7 +46,8 @@ pliant_status pliant_c_arm_camera(const pliant_c_arm *arm, pliant_camera *out)
     if (!(arm->source_to_isocentre > 0) || !(arm->source_to_detector > 0) || !(arm->pixel > 0) || !isfinite(arm->primary_angle) || !isfinite(arm->secondary_angle))
         return pliant_fail(PLIANT_ERROR_ARGUMENT, "a C-arm's distances and pixel must be above 0, and its angles finite");
     const double sp = sin(arm->primary_angle), cp = cos(arm->primary_angle), ss = sin(arm->secondary_angle), cs = cos(arm->secondary_angle);
-    const double ahead[3] = {sp * cs, -cp * cs, ss}; /* from the source to the detector: to the front, left, head */
+    /* directions from the source to the detector; axes: front, left, head */
+    const double ahead[3] = {sp * cs, -cp * cs, ss};
     const double up[3] = {-sp * ss, cp * ss, cs};
     double from[3], at[3];
     for (int d = 0; d < 3; d++) {
@@ -54,14 +55,15 @@ pliant_status pliant_c_arm_camera(const pliant_c_arm *arm, pliant_camera *out)
         from[d] = at[d] - arm->source_to_isocentre * ahead[d];
     }
     const double focal = arm->source_to_detector / arm->pixel;
-    /* seen from the source the patient's left is on the left: mirrored */
+    /* mirrored, so that the patient's left is on the left as seen from the source */
     pliant_camera camera = {.width = arm->width, .height = arm->height, .fx = -focal, .fy = focal, .cx = 0.5 * (arm->width - 1), .cy = 0.5 * (arm->height - 1)};
     pliant_status status = pliant_camera_look_at(&camera, from, at, up);
     if (status == PLIANT_OK) *out = camera;
     return status;
 }
 
-/* Of tissue in an endoscope, by Hounsfield units: fat yellow, organs red, what takes up contrast darker, bone ivory. */
+/* Colours of tissue in an endoscopic image by Hounsfield units: fat is yellow, organs are red, contrast-enhanced tissue
+ * is darker, bone is ivory. */
 static const pliant_colour ct_colours[] = {{-1000, {0.25f, 0.18f, 0.17f}}, {-500, {0.72f, 0.45f, 0.40f}}, {-140, {0.86f, 0.68f, 0.46f}},
                                            {-60, {0.86f, 0.66f, 0.40f}},   {-5, {0.76f, 0.40f, 0.33f}},   {60, {0.66f, 0.24f, 0.21f}},
                                            {120, {0.52f, 0.14f, 0.12f}},   {170, {0.66f, 0.32f, 0.25f}},  {230, {0.88f, 0.80f, 0.66f}},

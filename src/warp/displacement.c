@@ -1,4 +1,4 @@
-/* The displacement of every voxel. */
+/* Compute the displacement of every voxel. */
 #include "pliant/displacement.h"
 
 #include "base/fail.h"
@@ -15,7 +15,7 @@
 #include <string.h>
 #include <strings.h>
 
-static const float no_tissue = -1; /* an index of the scan that none of its voxels has */
+static const float no_tissue = -1; /* a scan index that no voxel has */
 
 void pliant_displacement_free(pliant_displacement *displacement)
 {
@@ -193,7 +193,8 @@ static pliant_status move_voxels(const pliant_model *model, const pliant_body *b
 
 /* --- both --- */
 
-/* Voxels without tissue take the vector of the nearest tissue, in steps along the axes. Without tissue at all, vectors are zero. */
+/* Voxels without tissue take the vector of the nearest tissue, in steps along the axes. Without tissue at all, vectors
+ * are zero. */
 static pliant_status extend(pliant_displacement *out)
 {
     const int32_t *size = out->geometry.size;
@@ -227,7 +228,8 @@ static pliant_status extend(pliant_displacement *out)
 static pliant_status fill(const pliant_model *model, const pliant_body *body, const double *positions, pliant_displacement_sense sense,
                           pliant_displacement *out)
 {
-    /* In voxels. Interpolation mixes voxels that are one voxel apart; a rest point is up to half a voxel from the nearest voxel of the scan. */
+    /* In voxels. Interpolation mixes voxels that are one voxel apart; a rest point is up to half a voxel from the
+     * nearest voxel of the scan. */
     const double near_field = 1, near_rest = 1.5;
     const pliant_geometry *scan = &model->scan->geometry;
     const int num_threads = pliant_threads_of(model->scene.solver.threads);

@@ -4,14 +4,15 @@
 #include "pliant/memory.h"
 #include "warp/fit_point.h"
 
-/* Vector code for the machine at hand, chosen when the program starts; without fused operations (CMakeLists.txt) all give the same bits. */
+/* Vectorized code for the machine's instruction set, chosen at program start. Fused operations are disabled
+ * (CMakeLists.txt), so all variants give bitwise identical results. */
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 #define FIT_VECTORIZED __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define FIT_VECTORIZED
 #endif
 
-/* Nodes so many edges from a node that a cut has copied are within a kernel's reach of both. */
+/* number of mesh edges within which the kernel can reach both sides of a copied node */
 enum { ZONE_EDGES = 3 };
 
 struct pliant_fit {
@@ -19,7 +20,7 @@ struct pliant_fit {
     const pliant_mesh *mesh;
     int num_threads;
     const pliant_parts *parts;
-    uint8_t *near, *zone; /* of the view */
+    uint8_t *near, *zone; /* non-const pointers to arrays of the view */
 };
 
 static double mean_edge(const pliant_mesh *mesh)
@@ -95,7 +96,8 @@ pliant_status pliant_fit_create(const pliant_mesh *mesh, const pliant_geometry *
     return status;
 }
 
-/* Nodes that a cut has copied, their copies, and the corners of what it passes; then those that so many edges lead to. */
+/* Mark nodes near a cut: copied nodes, their copies, and the corners of tetrahedra at the cut; then all nodes within
+ * ZONE_EDGES edges. */
 static void find_near(const pliant_body *body, const pliant_parts *parts, uint8_t *near)
 {
     const pliant_mesh *mesh = &body->fine;
@@ -177,14 +179,15 @@ static void sort_nodes(pliant_fit *fit, const double *positions)
     memset(start, 0, ((size_t)count + 1) * sizeof *start);
     for (int32_t n = 0; n < nodes; n++) start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]++;
     for (int32_t b = 0; b < count; b++) start[b + 1] += start[b];
-    /* filled from behind, so that the starts stay and a bin's nodes ascend */
+    /* fill from the back, so that the starts stay valid and the nodes of a bin ascend */
     for (int32_t n = nodes - 1; n >= 0; n--) view->bin_node[--start[fit_flat_bin(view, view->at + 3 * (size_t)n) + 1]] = n;
     for (int32_t b = 0; b < count; b++) start[b] = start[b + 1];
     start[count] = nodes;
     for (int32_t place = 0; place < nodes; place++) fit_set_place(view, place);
 }
 
-/* Slices begin to end of the target, want_begin to want_end of the lattice: what the tetrahedra cover there, and want. */
+/* Mark the voxels that tetrahedra cover in slices begin to end, and the lattice points needed in slices want_begin to
+ * want_end. */
 FIT_VECTORIZED static void cover(const fit_view *view, int32_t begin, int32_t end, int32_t want_begin, int32_t want_end)
 {
     const int32_t *size = view->target.size;
@@ -233,7 +236,8 @@ bool pliant_fit_at(const pliant_fit *fit, const double target[3], double scan[3]
 
 const fit_view *pliant_fit_parts(const pliant_fit *fit) { return &fit->view; }
 
-/* Voxels first[0] to end of a row; true when one is another than before. Between the same lattice points the rows' parts stay. */
+/* Draw voxels first[0] to end of a row; return whether a voxel has changed. Data per row are reused between the same
+ * lattice points. */
 FIT_VECTORIZED static bool draw_row(const fit_view *view, const raster_source *source, const int32_t first[3], int32_t end, void *voxels)
 {
     const int32_t *size = view->target.size;

@@ -1,6 +1,6 @@
-/* One point of the fit and one voxel drawn by it: the same lines for the CPU and for kernels. In double: the normal equations have a
- * condition of 1e4 and more, of which single precision would leave tenths of a voxel. Without fused operations, and with an exponential
- * of its own, both give the same bits. */
+/* One point of the fit, and one voxel drawn by it, shared by CPU and kernels. The normal equations have a condition
+ * number of 1e4 and more. In single precision the error would be tenths of a voxel, so double precision is used.
+ * Without fused operations and with a common exponential function, CPU and GPU give bitwise identical results. */
 #ifndef PLIANT_WARP_FIT_POINT_H
 #define PLIANT_WARP_FIT_POINT_H
 
@@ -12,45 +12,48 @@
 
 enum {
     FIT_TERMS = 10,
-    FIT_PADDED = 12, /* whole vectors */
+    FIT_PADDED = 12, /* a multiple of the vector length */
     FIT_LINEAR = 4,
-    FIT_ENOUGH = 16, /* nodes, for the 10 terms */
+    FIT_ENOUGH = 16, /* minimum number of nodes for the 10 terms */
     FIT_ATTEMPTS = 2,
     FIT_DRAWN = 2
 };
 
-/* Gaussian of one mean edge's width, cut off where it is 2 %; the support of a regular point then holds some 60 nodes */
+/* Standard deviation of the Gaussian in mean edge lengths. It is truncated where it falls to 2 %; the support of an
+ * interior point then contains about 60 nodes. */
 #define FIT_EDGES_OF_DEVIATION 0.9
 #define FIT_CUT_OFF 2.8
-#define FIT_MOST_BINS 128.0 /* along an axis */
-/* Voxels are drawn so far around the tetrahedra [voxels]. Further out polynomials are extrapolated, and turn back into the tissue. */
+#define FIT_MOST_BINS 128.0 /* along each axis */
+/* Voxels are drawn up to this distance around the tetrahedra [voxels]. Farther away the extrapolated polynomials can
+ * turn back into the tissue. */
 #define FIT_AROUND 1.0
 
-/* What a fit works with; pointers are of where it runs. */
+/* Data of a fit; pointers are valid where it runs (CPU or GPU). */
 typedef struct fit_view {
     pliant_geometry target;
-    int32_t scan_size[3], step, size[3]; /* size: of the lattice of fits */
+    int32_t scan_size[3], step, size[3]; /* size: number of lattice points of the fit */
     double deviation;         /* [m] */
     int32_t num_nodes, num_tets;
     const int32_t *tets;      /* (num_tets x 4) */
     const double *rest;       /* (num_nodes x 3) index in the scan */
-    uint8_t *tissue;          /* (scan voxels) 1: the mesh holds it */
-    uint8_t *covered;         /* (target voxels) 1: a tetrahedron is there, or beside it; FIT_DRAWN: is drawn already */
-    uint8_t *wanted;          /* (lattice) 1: covered voxels are beside it */
-    float *map;               /* (lattice x 3) index in the scan; NaN where nothing is wanted or no node is near */
-    /* NODES by bins, in metres along the target's axes */
+    uint8_t *tissue;          /* (scan voxels) 1: inside the mesh */
+    uint8_t *covered;         /* (target voxels) 1: in or next to a tetrahedron; FIT_DRAWN: already drawn */
+    uint8_t *wanted;          /* (lattice) 1: next to covered voxels */
+    float *map;               /* (lattice x 3) scan index; NaN where it is not needed or no node is near */
+    /* NODES sorted into bins, in metres along the target's axes */
     double low[3], width;
     int32_t bins[3];
     int32_t *bin_start, *bin_node;
     double *at;               /* (num_nodes x 3) */
-    double *sorted;           /* (num_nodes x 6) by bins: where a node is, and rest */
-    /* CUTS; NULL: nothing is cut */
+    double *sorted;           /* (num_nodes x 6) by bins: deformed position and rest index of a node */
+    /* CUTS; NULL: no cuts */
     int32_t num_elements;
-    const uint8_t *zone;      /* (num_elements) how many of its corners are near a cut */
+    const uint8_t *zone;      /* (num_elements) number of corners near a cut */
     const uint8_t *near;      /* (num_nodes) 1: within the kernel's reach of a cut */
 } fit_view;
 
-/* Whether the fit alone says what a tetrahedron covers; only_wanted: or a part of it. */
+/* Return whether the fit determines what a tetrahedron covers.
+ * only_wanted: at least for a part of it */
 PLIANT_INLINE bool fit_covers(const fit_view *fit, int32_t tet, bool only_wanted) { return !fit->zone || fit->zone[tet] < (only_wanted ? 4 : 1); }
 
 PLIANT_INLINE int32_t fit_bin_of(const fit_view *fit, int d, double at)
@@ -65,7 +68,7 @@ PLIANT_INLINE size_t fit_flat_bin(const fit_view *fit, const double at[3])
            (size_t)fit->bins[0] * ((size_t)fit_bin_of(fit, 1, at[1]) + (size_t)fit->bins[1] * (size_t)fit_bin_of(fit, 2, at[2]));
 }
 
-/* A node along the target's axes [m]; pliant_geometry_to_index times the spacing. */
+/* Compute a node's position along the target's axes [m]: pliant_geometry_to_index times the spacing. */
 PLIANT_INLINE void fit_node_at(const pliant_geometry *target, const double position[3], double at[3])
 {
     double offset[3];
@@ -76,7 +79,7 @@ PLIANT_INLINE void fit_node_at(const pliant_geometry *target, const double posit
     }
 }
 
-/* what a place in the bins holds */
+/* Copy the data of a node to its position in the sorted array. */
 PLIANT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
 {
     const size_t node = (size_t)fit->bin_node[place];
@@ -86,8 +89,8 @@ PLIANT_INLINE void fit_set_place(const fit_view *fit, int32_t place)
     }
 }
 
-/* Bins from the box of the nodes, as far as the target reaches with its widest kernel: what flew away is in the outermost ones, where
- * nothing asks for it. Returns how many. */
+/* Set the bins from the bounding box of the nodes, limited to the target plus the widest kernel. Nodes outside fall
+ * into the outermost bins, which no query uses. Return the number of bins. */
 PLIANT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const double high[3])
 {
     const double reach = FIT_CUT_OFF * fit->deviation * (1 << (FIT_ATTEMPTS - 1));
@@ -106,13 +109,13 @@ PLIANT_INLINE int32_t fit_set_bins(fit_view *fit, const double low[3], const dou
     return (int32_t)count;
 }
 
-/* A tetrahedron where it is now, in voxels of the target: its box and its planes, FIT_AROUND further out. Inside every plane:
+/* A deformed tetrahedron in target voxels: its bounding box and planes, extended by FIT_AROUND. Inside every plane
  * normal . voxel + value >= 0. */
 typedef struct fit_tet {
     double low[3], high[3], normal[4][3], value[4];
 } fit_tet;
 
-/* fit->at is set; false: it is flat */
+/* Compute it; fit->at must be set. Return false if it is flat. */
 PLIANT_INLINE bool fit_tet_at(const fit_view *fit, int32_t tet, fit_tet *out)
 {
     const int32_t *node = fit->tets + 4 * (size_t)tet;
@@ -123,7 +126,7 @@ PLIANT_INLINE bool fit_tet_at(const fit_view *fit, int32_t tet, fit_tet *out)
         out->low[d] = fmin(fmin(at[0][d], at[1][d]), fmin(at[2][d], at[3][d])) - FIT_AROUND;
         out->high[d] = fmax(fmax(at[0][d], at[1][d]), fmax(at[2][d], at[3][d])) + FIT_AROUND;
     }
-    PLIANT_UNROLL for (int v = 0; v < 4; v++) { /* the plane through the three others */
+    PLIANT_UNROLL for (int v = 0; v < 4; v++) { /* the plane through the other three nodes */
         const double *a = at[(v + 1) % 4], *b = at[(v + 2) % 4], *c = at[(v + 3) % 4], *own = at[v];
         double first[3], second[3], normal[3], square = 0, side = 0;
         for (int d = 0; d < 3; d++) {
@@ -146,7 +149,7 @@ PLIANT_INLINE bool fit_tet_at(const fit_view *fit, int32_t tet, fit_tet *out)
     return true;
 }
 
-/* Whole numbers from low to high, of those from 0 to size - 1; false: none. */
+/* Find the integers from low to high within [0, size - 1]; false: none. */
 PLIANT_INLINE bool fit_range(double low, double high, int32_t size, int32_t *first, int32_t *last)
 {
     if (!(high >= 0.0) || !(low <= size - 1.0)) return false;
@@ -155,7 +158,8 @@ PLIANT_INLINE bool fit_range(double low, double high, int32_t size, int32_t *fir
     return *first <= *last;
 }
 
-/* The lattice points of the cells that its box touches; of slices from begin to end. Several threads may write the same. */
+/* Mark the lattice points of the cells that a tetrahedron's box touches, in slices begin to end. Several threads may
+ * write the same value. */
 PLIANT_INLINE void fit_want(const fit_view *fit, const fit_tet *tet, int32_t begin, int32_t end)
 {
     int32_t first[3], last[3];
@@ -167,7 +171,7 @@ PLIANT_INLINE void fit_want(const fit_view *fit, const fit_tet *tet, int32_t beg
                 fit->wanted[(size_t)a + (size_t)fit->size[0] * ((size_t)b + (size_t)fit->size[1] * (size_t)c)] = 1;
 }
 
-/* Its voxels of one row, or some. Several threads may write the same. */
+/* Mark a tetrahedron's voxels of one row. Several threads may write the same value. */
 PLIANT_INLINE void fit_cover_row(const fit_view *fit, const fit_tet *tet, int32_t j, int32_t k)
 {
     double low = tet->low[0], high = tet->high[0];
@@ -183,7 +187,7 @@ PLIANT_INLINE void fit_cover_row(const fit_view *fit, const fit_tet *tet, int32_
     for (int32_t i = first; i <= last; i++) row[i] = 1;
 }
 
-/* No fewer than fit_set_bins ever returns. */
+/* Return an upper bound of the result of fit_set_bins. */
 PLIANT_INLINE size_t fit_most_bins(const fit_view *fit)
 {
     const double width = FIT_CUT_OFF * fit->deviation, reach = width * (1 << (FIT_ATTEMPTS - 1));
@@ -192,7 +196,8 @@ PLIANT_INLINE size_t fit_most_bins(const fit_view *fit)
     return count;
 }
 
-/* exp(-square / 2) for squares to FIT_CUT_OFF^2: 2^-k times Taylor's series of what is left, to 1e-11 */
+/* Return exp(-square / 2) for squares up to FIT_CUT_OFF^2: 2^-k times the Taylor series of the remainder, accurate to
+ * 1e-11. */
 PLIANT_INLINE double fit_gaussian(double square)
 {
     const double half = 0.5 * square;
@@ -205,7 +210,7 @@ PLIANT_INLINE double fit_gaussian(double square)
 }
 
 typedef struct normal_equations {
-    double matrix[FIT_TERMS][FIT_PADDED], right[3][FIT_PADDED]; /* of the matrix what is below its diagonal counts */
+    double matrix[FIT_TERMS][FIT_PADDED], right[3][FIT_PADDED]; /* only the lower triangle of the matrix is used */
     int32_t nodes;
 } normal_equations;
 
@@ -239,13 +244,15 @@ PLIANT_INLINE void fit_gather(const fit_view *fit, const double p[3], double dev
                 const double *at = fit->sorted + 6 * (size_t)s;
                 double apart[3] = {(at[0] - p[0]) * inverse, (at[1] - p[1]) * inverse, (at[2] - p[2]) * inverse};
                 double square = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2];
-                /* Every node near is taken for one of the point's own piece: no fit is asked for within reach of a cut (pliant_fit_next). */
+                /* All nearby nodes are assumed to be on the point's side: within reach of a cut no fit is used
+                 * (pliant_fit_next). */
                 if (square < FIT_CUT_OFF * FIT_CUT_OFF) fit_add_node(at + 3, apart, fit_gaussian(square), out);
             }
         }
 }
 
-/* Value of the fitted polynomial at its origin, by Cholesky of the leading `terms`; false: the nodes do not determine so many. */
+/* Return the value of the fitted polynomial at its origin, by a Cholesky factorization of the leading `terms`. Return
+ * false if the nodes do not determine these terms. */
 PLIANT_INLINE bool fit_solve(const normal_equations *equations, const int terms, double out[3])
 {
     double l[FIT_TERMS][FIT_TERMS], y[FIT_TERMS][3];
@@ -272,7 +279,7 @@ PLIANT_INLINE bool fit_solve(const normal_equations *equations, const int terms,
     return true;
 }
 
-/* Where few nodes are near, as at larger cells, the kernel is widened once. */
+/* Fit one lattice point. If few nodes are near, as in larger cells, the kernel is widened once. */
 PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], float out[3])
 {
     normal_equations equations;
@@ -291,7 +298,7 @@ PLIANT_INLINE void fit_point(const fit_view *fit, const int32_t lattice[3], floa
     for (int d = 0; some && d < 3; d++) out[d] = (float)value[d];
 }
 
-/* Where a coordinate of the target lies in the lattice: the point below it, and the part of the way to the next. */
+/* Return the lattice point below a target coordinate, and the fraction of the distance to the next one. */
 PLIANT_INLINE int32_t fit_below(const fit_view *fit, int d, double target, double *part)
 {
     const double at = target / fit->step, end = fit->size[d] - 1.0, inside = !(at > 0.0) ? 0.0 : at < end ? at : end;
@@ -300,7 +307,7 @@ PLIANT_INLINE int32_t fit_below(const fit_view *fit, int d, double target, doubl
     return low;
 }
 
-/* The map at lattice point i of a row that lies between four of them: along k, then along j. */
+/* Interpolate the map between four rows at lattice point i, along k, then along j. */
 PLIANT_INLINE void fit_between_rows(const fit_view *fit, int32_t i, const int32_t low[3], const double part[3], double out[3])
 {
     const size_t across = (size_t)fit->size[0], up = fit->size[1] > 1 ? across : 0, above = fit->size[2] > 1 ? across * (size_t)fit->size[1] : 0;
@@ -312,14 +319,14 @@ PLIANT_INLINE void fit_between_rows(const fit_view *fit, int32_t i, const int32_
     }
 }
 
-/* Between two of those, along i. */
+/* Interpolate between two lattice points along i. */
 PLIANT_INLINE bool fit_between(const double left[3], const double right[3], double part, double scan[3])
 {
     for (int d = 0; d < 3; d++) scan[d] = left[d] + part * (right[d] - left[d]);
     return scan[0] == scan[0];
 }
 
-/* pliant_fit_at */
+/* same as pliant_fit_at */
 PLIANT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], double scan[3])
 {
     int32_t low[3];
@@ -330,7 +337,7 @@ PLIANT_INLINE bool fit_map_at(const fit_view *fit, const double target[3], doubl
     return fit_between(left, right, part[0], scan);
 }
 
-/* the scan's value at an index inside it, trilinear, in its own type */
+/* Interpolate the scan trilinearly at an index inside it; the result is rounded as in the scan's type. */
 PLIANT_INLINE double fit_sample(const raster_source *source, const double index[3])
 {
     ptrdiff_t at = 0;
@@ -364,7 +371,7 @@ PLIANT_INLINE bool fit_in_tissue(const fit_view *fit, const double index[3])
     return fit->tissue[at[0] + (size_t)fit->scan_size[0] * (at[1] + (size_t)fit->scan_size[1] * at[2])];
 }
 
-/* One voxel, or the background; true when it is another than before. */
+/* Write a voxel or the background. Return whether it has changed. */
 PLIANT_INLINE bool fit_put_voxel(const raster_source *source, double value, bool inside, void *voxels, size_t v)
 {
     if (source->encoding == PLIANT_UINT8) {
@@ -385,15 +392,15 @@ PLIANT_INLINE bool fit_put_voxel(const raster_source *source, double value, bool
     return other;
 }
 
-/* One voxel, from where it was at rest, if that is known; true when it is another than before. */
+/* Write a voxel from its rest position if known, otherwise the background. Return whether it has changed. */
 PLIANT_INLINE bool fit_draw_voxel(const fit_view *fit, const raster_source *source, bool known, const double index[3], void *voxels, size_t v)
 {
     const bool inside = known && fit_in_tissue(fit, index);
     return fit_put_voxel(source, inside ? fit_sample(source, index) : 0, inside, voxels, v);
 }
 
-/* What a voxel of an element of the zone was: by its own map (in index), or between that and the fit's where not all of its corners are near a
- * cut. */
+/* Compute the scan index of a voxel in a zone element. If not all of its corners are near a cut, the element's own map
+ * (input in index) is blended with the fit. */
 PLIANT_INLINE void fit_blend(const fit_view *fit, int32_t element, const double voxel[3], double index[3])
 {
     double fitted[3], near = 0;
@@ -419,7 +426,7 @@ PLIANT_INLINE void fit_blend(const fit_view *fit, int32_t element, const double 
     for (int d = 0; d < 3; d++) index[d] = fitted[d] + near * (index[d] - fitted[d]);
 }
 
-/* A voxel that an element of the zone owns, from where its own map says it was; true when it is another than before. */
+/* Write a voxel of a zone element from its own map's index. Return whether it has changed. */
 PLIANT_INLINE bool fit_draw_owned(const fit_view *fit, const part_view *parts, const raster_source *source, int32_t element, const double voxel[3],
                                   double index[3], void *voxels, size_t v)
 {

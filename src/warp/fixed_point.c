@@ -1,15 +1,16 @@
-/* Target grid in fixed point, and what rasterizing needs of each tetrahedron (raster.h says why integers). */
+/* Convert nodes to the target's fixed-point grid, and set up tetrahedra for rasterization (raster.h explains the
+ * integers). */
 #include "base/matrix.h"
 #include "warp/raster.h"
 
 #include <math.h>
 #include <string.h>
 
-/* how far from whole voxels a map may be and still copy them [voxels]; far below what a picture shows, far above the
- * rounding of positions in metres (about 1e-12 voxel) */
+/* Maximum deviation from whole voxels at which a map copies voxels [voxels]. It is far below a visible difference, and
+ * far above the rounding of positions in metres (about 1e-12 voxel). */
 static const double copy_tolerance = 1e-4;
 
-/* the longest edge of the mesh at rest along each axis [target voxels] */
+/* Find the longest rest edge of the mesh along each axis [target voxels]. */
 static void longest_edges(const pliant_geometry *target, const pliant_mesh *mesh, double longest[3])
 {
     memset(longest, 0, 3 * sizeof *longest);
@@ -33,7 +34,7 @@ bool pliant_raster_grid(const pliant_geometry *target, const pliant_mesh *mesh, 
     double longest[3], span = 0;
     longest_edges(target, mesh, longest);
     for (int d = 0; d < 3; d++) {
-        /* A tetrahedron that reaches the target keeps its shape as long as it is stretched less than fourfold. */
+        /* A tetrahedron inside the target keeps its shape if it is stretched less than fourfold. */
         double margin = 1 + fmax(0.25 * target->size[d], 4 * longest[d]);
         grid.low[d] = -margin;
         grid.high[d] = target->size[d] - 1 + margin;
@@ -53,7 +54,7 @@ void pliant_raster_fix(const raster_grid *grid, const double position[3], int32_
     double index[3];
     pliant_geometry_to_index(&grid->target, position, index);
     for (int d = 0; d < 3; d++) {
-        /* written so that an overflow to NaN ends at the lower limit */
+        /* this form converts an overflow to NaN to the lower limit */
         double inside = index[d] > grid->low[d] ? index[d] : grid->low[d];
         inside = inside < grid->high[d] ? inside : grid->high[d];
         fixed[d] = (int32_t)lrint(inside * grid->scale);
@@ -65,7 +66,7 @@ static void cross(const int64_t a[3], const int64_t b[3], int64_t out[3])
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-/* Six times the volume. The dot product has up to 69 bits: the high part is exact, and so is the sign. */
+/* Return six times the volume. The dot product has up to 69 bits; the high part and the sign are exact. */
 static double six_volumes(const int64_t edge[3], const int64_t normal[3])
 {
     enum { LOW_BITS = 11, LOW = (1 << LOW_BITS) - 1 };
@@ -77,7 +78,7 @@ static double six_volumes(const int64_t edge[3], const int64_t normal[3])
     return (double)(high + (low >> LOW_BITS)) * (LOW + 1) + (double)(low & LOW);
 }
 
-/* the plane's value at voxel (0, 0, 0), from a point on it: floor(normal . (0 - point) / scale) */
+/* Return the plane's value at voxel (0, 0, 0), from a point on it: floor(normal . (0 - point) / scale). */
 static int64_t plane_value(const raster_grid *grid, const int64_t normal[3], const int32_t point[3])
 {
     int64_t whole = 0, fraction = 0;
@@ -88,7 +89,7 @@ static int64_t plane_value(const raster_grid *grid, const int64_t normal[3], con
     return -whole + (-fraction >> grid->fraction_bits);
 }
 
-/* Where the map takes voxel centres to voxel centres of the scan but for rounding, make it exactly so. */
+/* If the map takes voxel centres to voxel centres of the scan up to rounding, round it to do so exactly. */
 static bool round_map(const raster_grid *grid, const raster_source *source, const int32_t *const fixed[4],
                       const double *const rest[4], double map[4][4])
 {
@@ -99,7 +100,7 @@ static bool round_map(const raster_grid *grid, const raster_source *source, cons
             rounded[c][d] = rint(map[c][d]);
             if (c < 3) sum += fabs(rounded[c][d]);
         }
-        /* fixed-point nodes are half a step off along each axis */
+        /* fixed-point nodes have an error of half a step along each axis */
         double tolerance = copy_tolerance + 0.5 * sum / grid->scale;
         for (int v = 0; v < 4; v++) {
             double at = rounded[3][d];
@@ -112,7 +113,7 @@ static bool round_map(const raster_grid *grid, const raster_source *source, cons
     return true;
 }
 
-/* The most that a plane's value is in a brick. */
+/* Return the maximum of a plane's value in a brick. */
 static int64_t most_in(const raster_tet *tet, int plane, const int32_t brick[3])
 {
     int64_t most = tet->value[plane];
@@ -134,7 +135,7 @@ static void find_bricks(raster_tet *tet)
 {
     int32_t low[3], high[3], at[3];
     if (!raster_range(tet, low, high)) return;
-    int64_t first[4], step[3][4]; /* the most in the first brick, and from brick to brick */
+    int64_t first[4], step[3][4]; /* maximum in the first brick, and its change from brick to brick */
     for (int plane = 0; plane < 4; plane++) {
         first[plane] = most_in(tet, plane, low);
         for (int d = 0; d < 3; d++) step[d][plane] = BRICK * (int64_t)tet->normal[d][plane];
@@ -144,15 +145,15 @@ static void find_bricks(raster_tet *tet)
             int64_t most[4];
             for (int p = 0; p < 4; p++) most[p] = first[p] + at[1] * step[1][p] + at[2] * step[2][p];
             for (at[0] = 0; at[0] <= high[0] - low[0]; at[0]++) {
-                if ((most[0] | most[1] | most[2] | most[3]) >= 0) /* none is negative */
+                if ((most[0] | most[1] | most[2] | most[3]) >= 0) /* all are non-negative */
                     tet->bricks |= (uint64_t)1 << (at[0] + MASK_EDGE * (at[1] + MASK_EDGE * at[2]));
                 for (int p = 0; p < 4; p++) most[p] += step[0][p];
             }
         }
 }
 
-/* Whether a map stays so far inside the scan that rounding to float cannot take an index out of it: relative to a brick
- * coordinates are below 2^17 then, and good to 2^-6 voxel. */
+/* Return whether the map stays far enough inside the scan that rounding to float cannot move an index out of it.
+ * Coordinates relative to a brick are then below 2^17, with an error below 2^-6 voxel. */
 static bool stays_inside(const raster_source *source, const double *const rest[4], double map[4][4])
 {
     for (int d = 0; d < 3; d++) {
@@ -163,7 +164,7 @@ static bool stays_inside(const raster_source *source, const double *const rest[4
     return true;
 }
 
-/* Its box in voxels inside the target; false when that is empty. */
+/* Compute the bounding box in voxels inside the target; false if it is empty. */
 static bool find_box(const raster_grid *grid, const int32_t *const fixed[4], raster_tet *tet)
 {
     for (int d = 0; d < 3; d++) {
@@ -195,7 +196,7 @@ void pliant_raster_tet(const raster_grid *grid, const raster_source *source, con
     if (grid->mirrored ? volume >= 0 : volume <= 0) return;
     if (!find_box(grid, fixed, out)) return;
 
-    /* barycentric coordinate of node v: normal[v] . (scale * voxel - node 0) / volume; so is the map linear in them */
+    /* barycentric coordinate of node v: normal[v] . (scale * voxel - node 0) / volume; the map is linear in these */
     double unit = grid->scale / volume, step = 1 / grid->scale;
     for (int d = 0; d < 3; d++) {
         out->map[3][d] = rest[0][d];

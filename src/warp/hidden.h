@@ -1,4 +1,4 @@
-/* What of a scan is not drawn. */
+/* Hide materials of a scan. */
 #ifndef PLIANT_WARP_HIDDEN_H
 #define PLIANT_WARP_HIDDEN_H
 
@@ -11,8 +11,10 @@
 extern "C" {
 #endif
 
-/* A copy of a scan with its background where a material is hidden.
- * @param material_of_voxel (voxels) @param out pliant_volume_free   Errors: MEMORY. */
+/* Copy a scan, with the background value in hidden materials.
+ * @param material_of_voxel (voxels)
+ * @param out free with pliant_volume_free
+ * Errors: MEMORY. */
 pliant_status pliant_volume_hide(const pliant_volume *scan, const uint8_t *material_of_voxel, const bool hidden[256], pliant_volume *out);
 
 #ifdef __cplusplus

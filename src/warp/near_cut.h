@@ -10,7 +10,9 @@ extern "C" {
 #endif
 
 /* Set the mask to value at every voxel whose centre is at most `distance` voxels along each axis from a cut face.
- * positions: (fine.num_nodes x 3) of the surface's body; mask: (voxels of the grid). Errors: MEMORY. */
+ * positions: (fine.num_nodes x 3) of the surface's body
+ * mask: (voxels of the grid)
+ * Errors: MEMORY. */
 pliant_status pliant_near_cut_mark(const pliant_surface *surface, const double *positions, const pliant_geometry *grid, double distance,
                                    uint8_t *mask, uint8_t value);
 

@@ -1,5 +1,5 @@
-/* Who owns which voxel of a brick: what both sets of inner loops share, included by each so that it is compiled with
- * the instructions of that set. */
+/* Find the owner of each voxel of a brick. Each set of inner loops includes this file, so that it is compiled with its
+ * instruction set. */
 #ifndef PLIANT_WARP_OWNERS_H
 #define PLIANT_WARP_OWNERS_H
 
@@ -11,21 +11,24 @@
 #define OWNER_INLINE static inline
 #endif
 
-/* How rows are cut. A tetrahedron has rising planes (normal along i > 0) and others. A voxel i of a row is inside when
+/* Rows are intersected as follows. A tetrahedron has rising planes (normal along i > 0) and others. A voxel i of a row
+ * is inside when
  *     -floor(least t of rising) <= i <= floor(least t of the others),   t = value * factor,
- * where value is the plane's at voxel 0 of the row, an integer plus 1/2. Its divisor is at most 2^45, so the exact
- * quotient is at least 2^-46 away from a whole number; with OWNER_SHIFT added, so that it is positive where it counts,
- * it is below 48 and off by at most 48 * 2^-52 < 2^-46: rounding down gives the exact result. */
+ * where value is the plane's value at voxel 0 of the row, an integer plus 1/2. The divisor is at most 2^45, so the
+ * exact quotient differs from an integer by at least 2^-46. With OWNER_SHIFT added, it is positive where it matters and
+ * below 48. Its error is at most 48 * 2^-52 < 2^-46, so rounding down gives the exact result. */
 enum { OWNER_SHIFT = 2 * BRICK };
 
-/* First and last row along j and k, and voxel along i, of a tetrahedron's box inside a brick. */
+/* First and last row along j and k, and first and last voxel along i, of a tetrahedron's bounding box inside a
+ * brick. */
 typedef struct owner_box { int32_t low[3], high[3]; } owner_box;
 
-/* Gives free voxels inside the box and all planes to the owner whose entry (without mask) it gets; how many. */
+/* Assign the free voxels inside the box and all planes to the owner with this entry (without mask). Return their
+ * number. */
 typedef int32_t owner_claim(raster_brick *brick, const raster_tet *tet, const int32_t origin[3], const owner_box *box,
                             uint32_t entry);
 
-/* rasterize_parts.c: the same for one that is parted, in a plain loop for all sets */
+/* rasterize_parts.c: same for an element at a cut, in a plain loop for all sets */
 int32_t pliant_raster_claim_part(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3],
                                  const owner_box *box, uint32_t entry, raster_brick *brick);
 
@@ -36,10 +39,11 @@ OWNER_INLINE int32_t owner_floor(double value, int32_t low)
     return whole - (whole > value);
 }
 
-/* Values of the planes at a brick's first voxel; where rounded, so far from 0 that only the sign counts. */
+/* Compute the planes' values at a brick's first voxel. Where rounded, they are so far from 0 that only the sign
+ * matters. */
 OWNER_INLINE void owner_values(const raster_tet *tet, const int32_t origin[3], double value[4])
 {
-    if (tet->small) /* all of this is exact in double */
+    if (tet->small) /* exact in double precision */
         for (int v = 0; v < 4; v++)
             value[v] = (double)tet->value[v] +
                        (tet->normal[0][v] * origin[0] + tet->normal[1][v] * origin[1] + tet->normal[2][v] * origin[2]);
@@ -61,8 +65,8 @@ OWNER_INLINE bool owner_find_box(const raster_tet *tet, const int32_t origin[3],
     return true;
 }
 
-/* The source voxel that slots are relative to: where the first owner has the middle of the brick. Small numbers keep
- * float coordinates good to about 1e-6 voxel. */
+/* Choose the source voxel relative to which slots are stored: the first owner's source position of the brick's centre.
+ * Small numbers keep the error of float coordinates at about 1e-6 voxel. */
 OWNER_INLINE void owner_choose_base(const raster_source *source, const raster_tet *tet, const int32_t origin[3],
                                     raster_brick *brick)
 {
@@ -106,7 +110,8 @@ OWNER_INLINE void owner_fill_copy(const raster_source *source, const raster_tet 
     }
 }
 
-/* Voxels first to last of row (j, k) that lie inside all planes, and in the box. corner: owner_values */
+/* Find the voxels first to last of row (j, k) inside all planes and the box.
+ * corner: from owner_values */
 OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], const owner_box *box, int32_t j, int32_t k, int32_t *first,
                                  int32_t *last)
 {
@@ -120,10 +125,10 @@ OWNER_INLINE void owner_find_row(const raster_tet *tet, const double corner[4], 
     *last = owner_floor(fall, -1);
 }
 
-/* The one place where it is decided on the CPU what is drawn at a voxel: the first candidate that claims it owns it, and where the voxel was at
- * rest is that owner's map of it. Where tetrahedra fell into fragments, a candidate is a fragment: it claims a voxel only if the rest
- * point is of that fragment, and samples that fragment's voxels alone (part.h). On a GPU the least key in cuda/warp/owners.cuh decides the
- * same, and of a fit fit_in_tissue with fit_gather (fit_point.h). */
+/* Decide on the CPU which element draws each voxel. The first candidate that claims a voxel owns it, and the owner's
+ * map gives its rest position. In cut tetrahedra, each candidate is a fragment. A fragment claims a voxel only if the
+ * rest point belongs to it, and samples only its own voxels (part.h). On the GPU, the minimum key in
+ * cuda/warp/owners.cuh makes the same decision. With a fit, fit_in_tissue and fit_gather (fit_point.h) do. */
 OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *parts, const raster_tet *tets, const int32_t *candidates,
                                  size_t num_candidates, const int32_t origin[3], raster_brick *brick,
                                  owner_claim *claim)
@@ -133,7 +138,7 @@ OWNER_INLINE void owner_find_all(const raster_source *source, const part_view *p
     for (size_t c = 0; c < num_candidates && brick->num_free > 0; c++) {
         const raster_tet *tet = &tets[candidates[c]];
 #if defined(__GNUC__)
-        if (c + 1 < num_candidates) /* they lie apart in memory */
+        if (c + 1 < num_candidates) /* they are not contiguous in memory */
             for (size_t byte = 0; byte < sizeof *tet; byte += 64)
                 __builtin_prefetch((const char *)&tets[candidates[c + 1]] + byte);
 #endif

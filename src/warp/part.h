@@ -1,8 +1,9 @@
-/* Whose voxel of the scan is whose, where tissue is cut: the same lines for the CPU and for kernels.
+/* Assign scan voxels to the parts of cut tissue; shared by CPU and kernels.
  *
- * Around every tetrahedron at load that a cut passes, each voxel has a label: the carrier that it moves with. A rest point of that
- * tetrahedron is its carrier's whose voxels weigh most in trilinear interpolation there, and it is interpolated from those alone: of the
- * voxels on the other side of a cut nothing is seen. In double, from the owner's map, so that it does not matter which loops draw. */
+ * Around every initial tetrahedron at a cut, each voxel has a label of its carrier: the tetrahedron that it moves with.
+ * A rest point belongs to the carrier whose voxels have the largest trilinear weight there. It is interpolated from
+ * these voxels alone, so voxels on the other side of the cut do not contribute. Computations are in double precision
+ * from the owner's map, so all inner loops give the same result. */
 #ifndef PLIANT_WARP_PART_H
 #define PLIANT_WARP_PART_H
 
@@ -12,32 +13,32 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Weights are compared with this much to spare: two carriers may both hold a point between them, but never none. */
+/* Tolerance for comparing weights. Two carriers may both contain a point between them, but at least one does. */
 #define PART_SPARE 1e-3
 
-/* in a label: those of all corners of the cell that begins there are the same */
+/* flag in a label: all corners of the cell that begins here have the same label */
 #define PART_UNIFORM 0x8000u
 #define PART_MOST_LABELS 0x8000
 
-/* The voxels around a tetrahedron: all corners of the cells of the scan that it touches. */
+/* Voxels around a tetrahedron: all corners of the scan's cells that it touches. */
 typedef struct part_box {
     int32_t low[3], size[3];
-    int32_t first; /* of its labels; along i, j, k */
+    int32_t first; /* index of its first label; order i, j, k */
 } part_box;
 
-/* Of what is drawn as one: the box of the tetrahedron that it is a part of, -1 where no cut is near, and its label there. */
+/* A drawn element: the box of the tetrahedron that it is part of (-1: no cut is near), and its label in the box. */
 typedef struct part_element { int32_t box, label; } part_element;
 
-/* Pointers are of where it runs. */
+/* Pointers are valid where it runs (CPU or GPU). */
 typedef struct part_view {
     int32_t scan_size[3];
     int32_t num_elements;
     const part_element *elements;
     const part_box *boxes;
-    const uint16_t *labels; /* with PART_UNIFORM */
+    const uint16_t *labels; /* with the flag PART_UNIFORM */
 } part_view;
 
-/* A cell of the scan, and where in it. */
+/* A cell of the scan and the position inside. */
 typedef struct part_cell {
     int32_t low[3];
     double part[3];
@@ -45,13 +46,13 @@ typedef struct part_cell {
 
 typedef enum part_claim { PART_OTHERS, PART_WHOLE, PART_MASKED } part_claim;
 
-/* One index of the scan where a voxel of the target was, by an affine map. */
+/* Return one scan index of a target voxel's rest position, by an affine map. */
 PLIANT_INLINE double part_index(double by_i, double by_j, double by_k, double from, const double voxel[3])
 {
     return by_i * voxel[0] + by_j * voxel[1] + by_k * voxel[2] + from;
 }
 
-/* Limited as the scan is. */
+/* Find the cell of an index, clamped to the scan. */
 PLIANT_INLINE void part_find_cell(const int32_t size[3], const double index[3], part_cell *out)
 {
     PLIANT_UNROLL for (int d = 0; d < 3; d++) {
@@ -68,7 +69,7 @@ PLIANT_INLINE double part_weight(const part_cell *cell, int corner)
     return weight;
 }
 
-/* where the label of a cell's first corner is */
+/* Return the index of the label of a cell's first corner. */
 PLIANT_INLINE int32_t part_first(const part_box *box, const part_cell *cell)
 {
     int32_t first = box->first, step = 1;
@@ -80,7 +81,7 @@ PLIANT_INLINE int32_t part_first(const part_box *box, const part_cell *cell)
     return first;
 }
 
-/* labels of a cell's corners */
+/* Read the labels of a cell's corners. */
 PLIANT_INLINE void part_labels(const part_view *view, const part_box *box, int32_t first, uint16_t out[8])
 {
     const int32_t along[3] = {box->size[0] > 1 ? 1 : 0, box->size[1] > 1 ? box->size[0] : 0, box->size[2] > 1 ? box->size[0] * box->size[1] : 0};
@@ -88,7 +89,7 @@ PLIANT_INLINE void part_labels(const part_view *view, const part_box *box, int32
         out[c] = (uint16_t)(view->labels[first + (c & 1 ? along[0] : 0) + (c & 2 ? along[1] : 0) + (c & 4 ? along[2] : 0)] & ~PART_UNIFORM);
 }
 
-/* Whether a rest point (index in the scan) is an element's; WHOLE: all voxels around it are, too. */
+/* Return whether a rest point (scan index) belongs to an element; WHOLE: all surrounding voxels do, too. */
 PLIANT_INLINE part_claim part_claims(const part_view *view, part_element element, const double index[3])
 {
     part_cell cell;
@@ -113,7 +114,8 @@ PLIANT_INLINE part_claim part_claims(const part_view *view, part_element element
     return PART_MASKED;
 }
 
-/* Trilinear interpolation in a cell of an element's voxels alone; it has some there. values: of the eight corners */
+/* Interpolate trilinearly in a cell with the element's voxels alone; it must have some there.
+ * values: at the eight corners */
 PLIANT_INLINE double part_value(const part_view *view, part_element element, const part_cell *cell, const double values[8])
 {
     uint16_t label[8];
@@ -129,7 +131,7 @@ PLIANT_INLINE double part_value(const part_view *view, part_element element, con
     return sum / weights;
 }
 
-/* The value of the one of an element's own voxels that weighs most there. */
+/* Return the value of the element's voxel with the largest weight. */
 PLIANT_INLINE double part_nearest(const part_view *view, part_element element, const part_cell *cell, const double values[8])
 {
     uint16_t label[8];

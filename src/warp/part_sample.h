@@ -1,4 +1,4 @@
-/* The value of a voxel where tissue is cut: the same lines for the CPU and for kernels. */
+/* Sample a voxel at a cut; shared by CPU and kernels. */
 #ifndef PLIANT_WARP_PART_SAMPLE_H
 #define PLIANT_WARP_PART_SAMPLE_H
 
@@ -14,7 +14,7 @@ PLIANT_INLINE double raster_stored(const raster_source *source, ptrdiff_t place)
     }
 }
 
-/* The scan at an index, from an element's voxels alone; it has some there. */
+/* Sample the scan at an index from an element's voxels alone; it must have some there. */
 PLIANT_INLINE double part_sample(const raster_source *source, const part_view *parts, part_element element, const double index[3])
 {
     double values[8];

@@ -1,4 +1,4 @@
-/* Labels of the voxels around every tetrahedron that a cut passes. */
+/* Label the voxels around every tetrahedron at a cut. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -8,24 +8,24 @@
 
 #include <omp.h>
 
-/* Tetrahedra that are looked at anew, for a thread to be worth waking. */
+/* minimum number of tetrahedra per thread */
 enum { LEAST_BOXES = 8 };
 
 typedef struct parts_work {
     const pliant_body *body;
-    const pliant_parts *before;    /* Nullable: nothing can be taken from there */
+    const pliant_parts *before;    /* Nullable: no earlier parts to reuse */
     part_hosts *hosts;
     const pliant_body *body_before;
-    int32_t *cut_of;               /* (tetrahedra at load) */
+    int32_t *cut_of;               /* (initial tetrahedra) index in the cuts; -1: not cut */
     part_changes changes;
-    int32_t num_other, other_room, *other; /* parts.h */
-    int32_t num_anew, *anew;       /* tetrahedra at load, ascending; of those */
+    int32_t num_other, other_room, *other; /* see parts.h */
+    int32_t num_anew, *anew;       /* initial tetrahedra in `other` with a new box, ascending */
     part_made *made;               /* (num_anew) */
     int num_makers;
     part_maker *makers;
 } parts_work;
 
-/* whether a tetrahedron at load, or one that shares a node with it, is in the cuts */
+/* Return whether an initial tetrahedron, or one that shares a node with it, is cut. */
 static bool is_near(const parts_work *all, int32_t tet)
 {
     const pliant_voxels *voxels = all->body->voxels;
@@ -61,7 +61,7 @@ static bool add_cube(parts_work *all, const int32_t at[3])
     return good;
 }
 
-/* those whose boxes may differ from before: of lists, and near what differs */
+/* List the tetrahedra whose boxes may differ from before: those in the lists, and those near a difference. */
 static bool list_other(parts_work *all)
 {
     const part_changes *changes = &all->changes;
@@ -79,7 +79,7 @@ static bool list_other(parts_work *all)
     return good;
 }
 
-/* those that are in the cuts, or share a node at load with one that is */
+/* List the cut tetrahedra and those that share an initial node with one. */
 static bool list_near(parts_work *all)
 {
     const pliant_voxels *voxels = all->body->voxels;
@@ -95,7 +95,8 @@ static bool list_near(parts_work *all)
     return good;
 }
 
-/* Which tetrahedra do not keep their box, or that they have none, and which of those are looked at anew. */
+/* Find the tetrahedra that do not keep their box (or the absence of a box), and those among them that need a new
+ * one. */
 static bool plan(parts_work *all)
 {
     const bool good = all->before ? list_other(all) : list_near(all);
@@ -131,7 +132,8 @@ static void set_element(part_element *elements, int32_t at, int32_t box, int32_t
     pliant_writes(elements, (size_t)at, 1, sizeof *elements);
 }
 
-/* Fragments of a tetrahedron at load in a body; tet: room for itself */
+/* Return the fragments of an initial tetrahedron.
+ * tet: buffer for a tetrahedron without fragments */
 static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const int32_t **out)
 {
     const int32_t at = cuts ? place_of(cuts->tet, cuts->num_tets, *tet) : -1;
@@ -139,7 +141,8 @@ static int32_t fragments_of(const pliant_cuts *cuts, const int32_t *tet, const i
     return at < 0 ? 1 : cuts->start[at + 1] - cuts->start[at];
 }
 
-/* What each element is a part of. Guests follow the tetrahedra. elements: those of before, and behind them anything */
+/* Set the box and label of each element. Guests follow the tetrahedra.
+ * elements: input: previous elements; the rest is undefined */
 static void set_elements(const parts_work *all, pliant_parts *parts, part_element *elements)
 {
     const int32_t tets = all->body->fine.num_tets, *list;
@@ -162,7 +165,7 @@ static void set_elements(const parts_work *all, pliant_parts *parts, part_elemen
     parts->view.num_elements = tets + parts->num_guests;
 }
 
-/* One more box at the end, with its carriers and guests. */
+/* Append a box with its carriers and guests. */
 static void add_box(pliant_parts *parts, part_box *boxes, const part_box *box, int32_t host, bool by_node, int32_t taken, const int32_t *carrier,
                     int32_t num_carriers, const part_guest *guest, int32_t num_guests)
 {
@@ -205,14 +208,15 @@ static void add_made(pliant_parts *parts, part_box *boxes, const parts_work *all
             by->guests.at ? (const part_guest *)by->guests.at + made->guests : NULL, made->num_guests);
 }
 
-/* next: from where the others are to be looked at; hosts are asked for in order */
+/* Return whether a host is in `other`. Hosts must be queried in ascending order.
+ * next: input and output; position in the list */
 static bool is_other(const parts_work *all, int32_t host, int32_t *next)
 {
     while (*next < all->num_other && all->other[*next] < host) (*next)++;
     return *next < all->num_other && all->other[*next] == host;
 }
 
-/* Counts, and room for them. */
+/* Count the entries of all lists and allocate them. */
 static pliant_status make_lists(const parts_work *all, pliant_parts *parts, part_box **boxes, part_element **elements)
 {
     const pliant_parts *from = all->before;

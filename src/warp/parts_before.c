@@ -1,4 +1,4 @@
-/* Where a body differs from the one before: elsewhere, parts stay as they were. */
+/* Find the differences between a body and the previous one; parts elsewhere are reused. */
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
@@ -56,7 +56,8 @@ static void mark_links(const comparison *both)
     }
 }
 
-/* Voxels of a tetrahedron at load that move with others. o, n: its place in the cuts, -1: in none */
+/* Mark the voxels of an initial tetrahedron that move with another tetrahedron than before.
+ * o, n: index in the previous and the current cuts; -1: not cut */
 static void mark_carriers_of(const comparison *both, int32_t tet, int32_t o, int32_t n)
 {
     const pliant_voxels *voxels = both->work->voxels;
@@ -97,7 +98,8 @@ static void mark_nodes_of(const comparison *both, int32_t tet)
     if (has_other_nodes(both, tet)) mark_tet(both, of->tet_parent ? of->tet_parent[tet] : tet, OTHER_NODES);
 }
 
-/* Where tetrahedra that voxels move with have other nodes: their own, and those that gave them chips. */
+/* Mark the regions where the carriers of voxels have other nodes: their own tetrahedra, and the ones whose chips they
+ * carry. */
 static void mark_nodes(const comparison *both)
 {
     const pliant_body *old = both->before, *now = both->work->body;

@@ -1,14 +1,15 @@
-/* The labels of the voxels around one tetrahedron that a cut passes. */
+/* Label the voxels around one tetrahedron at a cut. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
 #include <math.h>
 
-/* A voxel of another tetrahedron counts to a carrier that so many links lead to: as far as two corners of a cell lie apart. */
+/* A voxel of another tetrahedron belongs to a carrier within this number of links, the distance between two corners of
+ * a cell. */
 enum { STEPS = 3 };
 enum { NO_LABEL = -1, IN_QUEUE = -2 };
-/* Cells along i are looked at so many at a time. */
+/* number of cells along i that are processed together */
 enum { MOST_ROW = 64 };
 
 static int32_t scan_voxel(const part_maker *work, int32_t local)
@@ -30,9 +31,9 @@ static bool in_box(const part_box *box, const int32_t scan[3], int32_t *local)
     return true;
 }
 
-/* ---- links */
+/* ---- severed links */
 
-/* Those of the box, to severed; whether there are any. */
+/* Mark the severed links in the box. Return whether there are any. */
 static bool find_severed(part_maker *work)
 {
     const part_box *box = &work->box;
@@ -63,7 +64,7 @@ static int32_t carrier_of(const part_maker *work, int32_t voxel)
     return cut < 0 ? tet : work->cuts->voxel_fragment[work->cuts->voxel_start[cut] + pliant_voxel_in(work->voxels, tet, voxel)];
 }
 
-/* its label among the carriers of the box; -1: no memory */
+/* Return the label of a carrier in the box; -1: out of memory. */
 static int32_t label_of(part_maker *work, int32_t carrier)
 {
     const int32_t *all = (const int32_t *)work->carriers.at + work->first_carrier;
@@ -89,7 +90,8 @@ static bool list_fragments(part_maker *work)
 
 /* ---- labels */
 
-/* What a cell's row and slice add to the barycentric coordinates of its corner with the most of each, in pliant_parts_touches' order. */
+/* Upper bounds of the barycentric coordinates in the cells of a row. The order of the sums is the same as in
+ * pliant_parts_touches. */
 typedef struct cell_planes {
     const part_shape *at;
     double most[4][MOST_ROW]; /* along a row */
@@ -102,8 +104,9 @@ static void begin_rows(const part_shape *at, int32_t low, int32_t count, cell_pl
         for (int32_t i = 0; i < count; i++) out->most[v][i] = at->value[v] + part_most(at->slope[v][0], low + i, 1);
 }
 
-/* Cells of a row that the tetrahedron touches: pliant_parts_touches of each, bit for bit. Along a row the most of a coordinate only falls or only grows,
- * rounded as well, so that they follow one another: from *begin on, before what is returned. */
+/* Find the cells of a row that the tetrahedron touches, bitwise identical to pliant_parts_touches for each cell. The
+ * bound of a coordinate is monotonic along a row, also after rounding, so these cells are contiguous. Return the end;
+ * *begin is the first one. */
 static int32_t touch_row(const cell_planes *planes, const int32_t low[3], int32_t count, int32_t *begin)
 {
     int32_t first = 0, end = count;
@@ -116,7 +119,7 @@ static int32_t touch_row(const cell_planes *planes, const int32_t low[3], int32_
     return end;
 }
 
-/* Corners of the cells that the tetrahedron touches. */
+/* Mark the corners of the cells that the tetrahedron touches. */
 static void find_touched(part_maker *work)
 {
     const int32_t *size = work->box.size;
@@ -140,7 +143,7 @@ static void find_touched(part_maker *work)
     }
 }
 
-/* Whether the tetrahedron touches a cell with a link from a voxel along an axis. */
+/* Return whether the tetrahedron touches a cell with the link from a voxel along an axis. */
 static bool touches_around(const part_maker *work, const int32_t at[3], int axis)
 {
     const double one[3] = {1, 1, 1};
@@ -158,7 +161,7 @@ static bool touches_around(const part_maker *work, const int32_t at[3], int axis
     return false;
 }
 
-/* Whether it touches a cell that has a severed link. */
+/* Return whether the tetrahedron touches a cell with a severed link. */
 static bool touches_severed(const part_maker *work)
 {
     for (int32_t n = 0; n < work->count; n++) {
@@ -200,7 +203,8 @@ static void find_walls(part_maker *work)
         }
 }
 
-/* From the voxels in the queue on over links to those without a label; where as many links lead to several carriers, the lowest label. */
+/* Propagate labels from the queued voxels along links to voxels without a label. If several carriers are equally near,
+ * the lowest label wins. */
 static void spread(part_maker *work, int32_t queued, int steps)
 {
     const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
@@ -223,8 +227,8 @@ static void spread(part_maker *work, int32_t queued, int steps)
     }
 }
 
-/* Whether a voxel beyond reach of links, at a sharp corner of the tetrahedron, is of a tetrahedron that has the same node there as one of
- * the fragments: its label, or NO_LABEL. */
+/* Return a label for a voxel that no link reaches, at a sharp corner of the tetrahedron. Its carrier may share the node
+ * at that corner with a fragment. Return NO_LABEL otherwise. */
 static int32_t label_by_node(const part_maker *work, int32_t local)
 {
     const int32_t *tets = work->body->fine.tets, voxel = scan_voxel(work, local), by = carrier_of(work, voxel);
@@ -244,7 +248,7 @@ static int32_t label_by_node(const part_maker *work, int32_t local)
     return NO_LABEL;
 }
 
-/* Voxels from a first one on that are without a label, wanted, and hang together: in the queue. How many. */
+/* Queue the voxels without a label that are connected to a first one. Return their number. */
 static int32_t hang_together(part_maker *work, int32_t first)
 {
     const int32_t *size = work->box.size, stride[3] = {1, size[0], size[0] * size[1]};
@@ -265,7 +269,7 @@ static int32_t hang_together(part_maker *work, int32_t first)
     return queued;
 }
 
-/* The carrier of most of the voxels in the queue; of as many, the lowest. */
+/* Return the carrier of the majority of the queued voxels; the lowest one at a tie. */
 static int32_t most_of(const part_maker *work, int32_t queued)
 {
     int32_t best = -1, most = 0;
@@ -277,7 +281,7 @@ static int32_t most_of(const part_maker *work, int32_t queued)
         for (int32_t m = n; m < queued; m++) {
             if (work->carried[m] != carrier) continue;
             same++;
-            work->carried[m] = -1; /* is counted */
+            work->carried[m] = -1; /* counted */
         }
         if (same > most || (same == most && carrier < best)) {
             best = carrier;
@@ -287,8 +291,8 @@ static int32_t most_of(const part_maker *work, int32_t queued)
     return best;
 }
 
-/* Every voxel that is asked for gets a label. Where neither links nor a node lead to it, those that hang together have one carrier: that of most of them.
- * Air goes with what is beside it. */
+/* Give every needed voxel a label. Connected voxels that neither links nor nodes determine get the carrier of their
+ * majority. Voxels of air get the label of an adjacent voxel. */
 static bool label_others(part_maker *work)
 {
     const int32_t *size = work->box.size;

@@ -1,15 +1,15 @@
-/* The parts of a tetrahedron that move with others: where they may be, and how they follow. */
+/* Find the guests of a tetrahedron, and how they follow their carriers. */
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
 #include <math.h>
 
-/* Cells are looked at in so many pieces along each axis, for whether a carrier has a part of them. */
+/* subdivisions of a cell along each axis, to test whether a carrier has a part of it */
 enum { PIECES = 4 };
-/* Boxes reach so far around their tetrahedra, in voxels, and no less than guests do. */
+/* boxes extend this far around their tetrahedra [voxels], at least as far as guests do */
 static const double around = 0.02;
 
-/* ---- where things are */
+/* ---- positions */
 
 static void find_corners(const part_maker *work, int32_t tet, double out[4][3])
 {
@@ -39,7 +39,8 @@ void pliant_parts_shape(const part_maker *work, int32_t tet, part_shape *out)
     }
 }
 
-/* Whether a shape, grown as guests are, may touch a box from low on; by its planes. */
+/* Return whether a shape, extended as guests are, may touch a box, by its planes.
+ * low: lower corner of the box */
 bool pliant_parts_touches(const part_shape *at, const double low[3], const double size[3])
 {
     for (int v = 0; v < 4; v++) {
@@ -69,7 +70,7 @@ void pliant_parts_box(const part_maker *work, int32_t tet, part_box *out)
 
 /* ---- guests */
 
-/* Whether a label may have a part of a cell, within the tetrahedron */
+/* Return whether a label may have a part of a cell within the tetrahedron. */
 static bool has_part(const part_maker *work, const int32_t at[3], const int32_t label[8], int32_t wanted)
 {
     int32_t different = 0;
@@ -78,7 +79,7 @@ static bool has_part(const part_maker *work, const int32_t at[3], const int32_t 
         for (int e = 0; e < c; e++) first = first && label[e] != label[c];
         different += first;
     }
-    /* along an axis on one side of which all its corners are, its weight is no more than theirs */
+    /* if all its corners lie on one side along an axis, its weight is at most theirs */
     const double share = 1.0 / different - PART_SPARE, size[3] = {1.0 / PIECES, 1.0 / PIECES, 1.0 / PIECES};
     double begin[3], length[3];
     for (int d = 0; d < 3; d++) {
@@ -93,7 +94,7 @@ static bool has_part(const part_maker *work, const int32_t at[3], const int32_t 
         double low[3], most = 0;
         for (int d = 0; d < 3; d++) low[d] = work->box.low[d] + at[d] + (double)where[d] / PIECES;
         if (!pliant_parts_touches(&work->at, low, size)) continue;
-        for (int end = 0; end < 8; end++) { /* the most is at a corner of the piece */
+        for (int end = 0; end < 8; end++) { /* the maximum is at a corner of the subdivision */
             part_cell cell;
             double sum = 0;
             for (int d = 0; d < 3; d++) cell.part[d] = (double)(where[d] + (end >> d & 1)) / PIECES;
@@ -126,7 +127,8 @@ static bool add_guest(part_maker *work, int32_t label)
     return true;
 }
 
-/* Labels of carriers that are no fragments of this tetrahedron, and have a part of it. wanted: (carriers) */
+/* Find the labels of carriers that are no fragments of this tetrahedron but have a part of it.
+ * wanted: (carriers) */
 static void find_guests(const part_maker *work, uint8_t *wanted)
 {
     const int32_t *size = work->box.size;

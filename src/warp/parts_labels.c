@@ -1,8 +1,8 @@
-/* What the parts of one body after another share: labels, of which most stay the same, and the boxes of tetrahedra. */
+/* Data that the parts of successive bodies share: labels, most of which stay the same, and the boxes of tetrahedra. */
 #include "pliant/memory.h"
 #include "warp/parts_maker.h"
 
-/* More room than is asked for: an eighth of it, and so many labels. */
+/* A pool is larger than requested, by an eighth and this number of labels. */
 enum { SPARE_LABELS = 1 << 18 };
 
 void pliant_part_pool_release(part_pool *pool)
@@ -21,7 +21,8 @@ void pliant_part_hosts_release(part_hosts *hosts)
     pliant_free(hosts);
 }
 
-/* Each time a box is in a cube: counted, then listed. start: (cubes + 2) */
+/* Count, or list, the cubes of each box.
+ * start: (cubes + 2) */
 static void go_through(part_hosts *hosts, const pliant_voxels *voxels, bool lists)
 {
     int32_t at[3], low[3], high[3], *start = hosts->cube_start;

@@ -1,4 +1,4 @@
-/* Lists that grow while parts are made. */
+/* Growing lists for the computation of parts. */
 #include "warp/parts_maker.h"
 
 #include "base/fail.h"

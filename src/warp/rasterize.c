@@ -1,4 +1,4 @@
-/* All voxels of one brick: who owns each, then their values row by row. */
+/* Draw all voxels of one brick: find the owner of each, then compute the values row by row. */
 #include "warp/raster.h"
 
 #include <string.h>
@@ -10,7 +10,7 @@ void pliant_raster_clear(const int32_t extent[3], raster_brick *brick)
     brick->num_masked = 0;
     brick->num_free = extent[0] * extent[1] * extent[2];
     if (extent[1] == BRICK && extent[2] == BRICK) return;
-    for (int32_t row = 0; row < BRICK_ROWS; row++) /* rows beyond the target are not to be had */
+    for (int32_t row = 0; row < BRICK_ROWS; row++) /* rows outside the target are not free */
         if (row % BRICK >= extent[1] || row / BRICK >= extent[2])
             brick->owned[row / ROWS_AT_ONCE] |= (uint64_t)ENTRY_MASK << 16 * (row % ROWS_AT_ONCE);
 }

@@ -1,18 +1,20 @@
-/* Voxels of candidates that own a part of what they hold, where tissue is cut: few, one by one, the same for all inner loops. */
+/* Draw the voxels of elements at a cut, which own only a part of their tetrahedron. They are few and are drawn one by
+ * one, with the same code for all inner loops. */
 #include "warp/sample.h"
 #include "warp/part_sample.h"
 #include "warp/owners.h"
 
 #include <math.h>
 
-/* where a voxel of the target was, index in the scan; in double, from the target's first voxel on: the brick's base does not matter */
+/* Compute the scan index of a target voxel's rest position. In double precision relative to the target's first voxel,
+ * so that it is independent of the brick's base. */
 static void find_index(const raster_tet *tet, const int32_t origin[3], int32_t i, int32_t j, int32_t k, double index[3])
 {
     const double at[3] = {origin[0] + i, origin[1] + j, origin[2] + k};
     for (int d = 0; d < 3; d++) index[d] = part_index(tet->map[0][d], tet->map[1][d], tet->map[2][d], tet->map[3][d], at);
 }
 
-/* those of some voxels of a row that the rest points say are its own */
+/* Return the voxels of a row mask whose rest points belong to the element. */
 static uint32_t own_of(const part_view *parts, int32_t element, const raster_tet *tet, const int32_t origin[3], int32_t row, uint32_t mask,
                        raster_brick *brick)
 {

@@ -1,8 +1,8 @@
-/* A pixel of a picture: the same operations on the CPU (warp/render.c) and on a GPU (cuda/warp/render.cu), one by one and without fused
- * multiply-adds, so that both draw the same bits.
+/* Compute a pixel of an image with the same operations on the CPU (warp/render.c) and on a GPU (cuda/warp/render.cu).
+ * The operations have the same order and no fused multiply-adds, so the results are bitwise identical.
  *
- * A ray is followed from where it enters the volume's box, in voxel indices: index(s) = start + s * step, s along the camera's z [m].
- * Bricks of RENDER_BRICK^3 cells whose largest value lies below what is looked for are passed over. */
+ * A ray is followed from its entry into the volume's box, in voxel indices: index(s) = start + s * step, with s along
+ * the camera's z [m]. Bricks of RENDER_BRICK^3 cells whose maximum is below the threshold are skipped. */
 #ifndef PLIANT_RENDER_RAY_H
 #define PLIANT_RENDER_RAY_H
 
@@ -13,27 +13,28 @@
 
 enum { RENDER_BRICK = 8, RENDER_HALVINGS = 12, RENDER_PEEKS = 8, RENDER_DEPTHS = 4 };
 
-/* Pointers are of where it runs. */
+/* Pointers are valid where it runs (CPU or GPU). */
 typedef struct render_scene {
     /* VOLUME */
     const void *voxels;
     const uint8_t *labels;          /* Nullable */
-    float *brick_high;              /* (bricks) largest value in their cells; by label: 1 where one is shown, else 0 */
+    /* (bricks) maximum value in their cells; by label: 1 if a label is shown, otherwise 0 */
+    float *brick_high;
     pliant_encoding encoding;
     float slope, intercept;
     int32_t size[3], bricks[3];
     float spacing[3], per_spacing[3]; /* [m], [1/m] */
-    /* CAMERA: rays in indices of the volume, a metre along z */
+    /* CAMERA: rays in volume indices per metre along z */
     int32_t width, height;
     double from[3], right[3], down[3], ahead[3];
     double near, far;               /* far: may be infinite */
     /* STYLE */
     pliant_style style;
-    float level;                    /* what a sample is compared with: the threshold, or half */
-    double water;                   /* of radiographs [1/m] */
+    float level;                    /* level of the surface: the threshold, or one half for labels */
+    double water;                   /* attenuation of water, for radiographs [1/m] */
 } render_scene;
 
-/* Each Nullable; with integral it is a radiograph. */
+/* All are Nullable; with integral the image is a radiograph. */
 typedef struct render_output {
     uint8_t *rgb;
     float *depth;
@@ -44,14 +45,14 @@ typedef struct render_output {
 typedef struct render_ray {
     double enter;                   /* z [m] */
     float start[3], step[3];
-    float stride, length;           /* half a voxel, and up to where the ray leaves, from enter on: along z [m] */
-    float metres;                   /* of the ray a metre along z */
+    float stride, length;           /* half a voxel; length from entry to exit: both along z [m] */
+    float metres;                   /* ray length per metre along z */
 } render_ray;
 
-/* what is not a number is low */
+/* NaN gives low */
 PLIANT_INLINE float render_limit(float value, float low, float high) { return value > low ? (value < high ? value : high) : low; }
 
-/* Where a ray enters the box of the voxels' edges; false: it passes by. */
+/* Find the entry of a ray into the box of the voxels' edges; false: it misses the box. */
 PLIANT_INLINE bool render_enter(const render_scene *scene, int32_t column, int32_t row, render_ray *ray)
 {
     double enter = scene->near, leave = scene->far, step[3], voxels = 0.0;
@@ -81,9 +82,10 @@ PLIANT_INLINE bool render_enter(const render_scene *scene, int32_t column, int32
     return true;
 }
 
-/* A cell of voxels, and where in it: beyond the centres of the outermost voxels their values go on. */
+/* A cell of voxels and the position inside. Beyond the centres of the outermost voxels, their values are extended. */
 typedef struct render_cell {
-    size_t first, along[3]; /* its first corner; from there to its others, 0 where there are none */
+    /* index of the first corner, and offsets to the other corners; 0 where there is no other voxel */
+    size_t first, along[3];
     float part[3];
     int32_t low[3];
 } render_cell;
@@ -120,7 +122,8 @@ PLIANT_INLINE size_t render_corner(const render_cell *cell, int c)
     return cell->first + (c & 1 ? cell->along[0] : 0) + (c & 2 ? cell->along[1] : 0) + (c & 4 ? cell->along[2] : 0);
 }
 
-/* The scan's value. encoding: that of the scene, known to the compiler. */
+/* Return the scan's value.
+ * encoding: of the scene, as a compile-time constant */
 PLIANT_INLINE float render_value(const render_scene *scene, pliant_encoding encoding, const float at[3])
 {
     render_cell cell;
@@ -130,7 +133,7 @@ PLIANT_INLINE float render_value(const render_scene *scene, pliant_encoding enco
     return scene->slope * render_between(corner, cell.part) + scene->intercept;
 }
 
-/* How much of what is around is shown, 0 to 1. */
+/* Return the interpolated fraction of shown labels, 0 to 1. */
 PLIANT_INLINE float render_shown(const render_scene *scene, const float at[3])
 {
     render_cell cell;
@@ -145,7 +148,8 @@ PLIANT_INLINE float render_field(const render_scene *scene, pliant_encoding enco
     return by_label ? render_shown(scene, at) : render_value(scene, encoding, at);
 }
 
-/* Whether anything can be found in the brick at a point; if not, the first sample that may lie beyond it. */
+/* Return whether the brick at a point can contain the surface; if not, *next is the first sample that may lie beyond
+ * it. */
 PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray, const float at[3], float level, int32_t sample, int32_t *next)
 {
     int32_t brick[3];
@@ -157,12 +161,14 @@ PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray
         const float end = ((float)(ray->step[d] > 0.0f ? (brick[d] + 1) * RENDER_BRICK : brick[d] * RENDER_BRICK) - ray->start[d]) / ray->step[d];
         beyond = end < beyond ? end : beyond;
     }
-    const int32_t last = (int32_t)render_limit(beyond / ray->stride, 0.0f, 1e9f); /* the last one that lies in it, or the one before */
+    /* the last sample in the brick, or the one before */
+    const int32_t last = (int32_t)render_limit(beyond / ray->stride, 0.0f, 1e9f);
     *next = last > sample ? last : sample + 1;
     return false;
 }
 
-/* Where the ray meets the surface; false: nowhere. first: it was beneath it from the beginning. */
+/* Find the first intersection of the ray with the surface; false: none.
+ * first: whether the ray starts inside */
 PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encoding, bool by_label, const render_ray *ray, float *hit, bool *first)
 {
     float at[3];
@@ -187,8 +193,9 @@ PLIANT_INLINE bool render_find(const render_scene *scene, pliant_encoding encodi
     }
 }
 
-/* Unit vector into what is shown, along the scan's axes: where most of it lies around, in 14 directions; a difference between two
- * neighbours alone shows every step of a surface that is sharper than a voxel. first, or nothing around: along the ray. */
+/* Compute the unit vector into the shown tissue, along the scan's axes, from samples in 14 directions. A difference of
+ * only two neighbours would show voxel steps on sharp surfaces. With `first`, or in a uniform region, it is the ray's
+ * direction. */
 PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding encoding, bool by_label, const render_ray *ray, const float at[3], bool first,
                                  float out[3])
 {
@@ -216,7 +223,8 @@ PLIANT_INLINE void render_inward(const render_scene *scene, pliant_encoding enco
     for (int d = 0; d < 3; d++) out[d] *= unit;
 }
 
-/* The scan's value below the surface: the mean of some depths, since skin may be a voxel thin, and of no less than what the surface has. */
+/* Return the scan's value below the surface: the mean over several depths, since skin may be one voxel thin. Each
+ * sample is at least the surface level. */
 PLIANT_INLINE float render_beneath(const render_scene *scene, pliant_encoding encoding, bool by_label, const float at[3], const float inward[3], bool first)
 {
     float sum = 0.0f;
@@ -240,7 +248,8 @@ PLIANT_INLINE void render_colour(const pliant_style *style, float value, float r
     for (int c = 0; c < 3; c++) rgb[c] = low->rgb[c] + part * (high->rgb[c] - low->rgb[c]);
 }
 
-/* A light at the camera, after B. T. Phong, Communications of the ACM 18:311, 1975: both the light and the eye lie along the ray. */
+/* Shade with a light at the camera (B. T. Phong, Communications of the ACM 18:311, 1975): light and view direction lie
+ * along the ray. */
 PLIANT_INLINE void render_shade(const pliant_style *style, float cosine, float rgb[3])
 {
     float shine = cosine * cosine;
@@ -248,7 +257,7 @@ PLIANT_INLINE void render_shade(const pliant_style *style, float cosine, float r
     for (int c = 0; c < 3; c++) rgb[c] = rgb[c] * (style->ambient + style->diffuse * cosine) + style->specular * shine;
 }
 
-/* The label of the nearest voxel, or of the next one inwards that has any. */
+/* Return the label of the nearest voxel, or of the next labelled voxel inwards. */
 PLIANT_INLINE uint8_t render_label(const render_scene *scene, bool by_label, const float at[3], const float inward[3])
 {
     for (int n = 0; scene->labels && n < RENDER_PEEKS; n++) {
@@ -266,7 +275,7 @@ PLIANT_INLINE uint8_t render_label(const render_scene *scene, bool by_label, con
 
 PLIANT_INLINE uint8_t render_byte(float value) { return (uint8_t)(int32_t)(render_limit(value, 0.0f, 1.0f) * 255.0f + 0.5f); }
 
-/* What a camera's pixel sees. */
+/* Compute colour, depth and label of a pixel. */
 PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding encoding, bool by_label, int32_t column, int32_t row, const render_output *out)
 {
     const size_t pixel = (size_t)row * (size_t)scene->width + (size_t)column;
@@ -295,7 +304,8 @@ PLIANT_INLINE void render_surface(const render_scene *scene, pliant_encoding enc
     if (out->label) out->label[pixel] = label;
 }
 
-/* The line integral of attenuation along a camera's pixel: the middles of equal steps, of half a voxel at most. */
+/* Compute the line integral of attenuation along a pixel's ray with the midpoint rule, with equal steps of at most half
+ * a voxel. */
 PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding encoding, int32_t column, int32_t row, const render_output *out)
 {
     double sum = 0.0;
@@ -308,7 +318,7 @@ PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding en
             int32_t next = n + 1;
             render_at(&ray, ((float)n + 0.5f) * ray.stride, at);
             if (render_brick(scene, &ray, at, scene->level, n, &next)) {
-                const float density = 1.0f + 1e-3f * render_value(scene, encoding, at); /* of water */
+                const float density = 1.0f + 1e-3f * render_value(scene, encoding, at); /* relative to water */
                 sum += density > 0.0f ? (double)density : 0.0;
             }
             n = next;
@@ -318,7 +328,8 @@ PLIANT_INLINE void render_integral(const render_scene *scene, pliant_encoding en
     out->integral[(size_t)row * (size_t)scene->width + (size_t)column] = (float)sum;
 }
 
-/* The largest value of a brick's cells, or whether any of its labels is shown: of its rows along i first, first + step, ... */
+/* Return the maximum value of a brick's cells, or whether any of its labels is shown, for rows first, first + step, ...
+ * along i. */
 PLIANT_INLINE float render_brick_high(const render_scene *scene, pliant_encoding encoding, bool by_label, const int32_t brick[3], int32_t first, int32_t step)
 {
     float high = -INFINITY;

@@ -60,7 +60,7 @@ pliant_status render_scene_of(const pliant_volume *volume, const pliant_camera *
     const double origin[3] = {pose[3], pose[7], pose[11]};
     pliant_geometry_to_index(geometry, origin, scene.from);
     for (int d = 0; d < 3; d++) {
-        double turned[3]; /* camera axes as indices a metre */
+        double turned[3]; /* camera axes in voxel indices per metre */
         for (int c = 0; c < 3; c++) turned[c] = (axis[d] * pose[c] + axis[3 + d] * pose[4 + c] + axis[6 + d] * pose[8 + c]) / geometry->spacing[d];
         scene.right[d] = turned[0] / camera->fx;
         scene.down[d] = turned[1] / camera->fy;
@@ -85,7 +85,7 @@ void render_fill_bricks(const render_scene *scene, bool by_label, int num_thread
 #pragma omp parallel for num_threads(pliant_threads_of(num_threads)) schedule(static)
     for (ptrdiff_t b = 0; b < count; b++) {
         const int32_t brick[3] = {(int32_t)(b % bricks[0]), (int32_t)(b / bricks[0] % bricks[1]), (int32_t)(b / bricks[0] / bricks[1])};
-        switch (scene->encoding) { /* so that the compiler knows it in the loops */
+        switch (scene->encoding) { /* gives the compiler the encoding as a constant in the loops */
         case PLIANT_UINT8: scene->brick_high[b] = render_brick_high(scene, PLIANT_UINT8, by_label, brick, 0, 1); break;
         case PLIANT_INT16: scene->brick_high[b] = render_brick_high(scene, PLIANT_INT16, by_label, brick, 0, 1); break;
         case PLIANT_FLOAT32: scene->brick_high[b] = render_brick_high(scene, PLIANT_FLOAT32, by_label, brick, 0, 1); break;

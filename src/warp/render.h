@@ -1,4 +1,4 @@
-/* From what a caller asks for to a scene whose pixels can be drawn, and drawing it on the CPU. */
+/* Convert a camera and a style to a scene for rendering, and render it on the CPU. */
 #ifndef PLIANT_RENDER_RENDER_H
 #define PLIANT_RENDER_RENDER_H
 
@@ -8,13 +8,16 @@
 extern "C" {
 #endif
 
-/* Of a volume, without its voxels, labels and bricks. style Nullable: a radiograph. Errors: ARGUMENT. */
+/* Create the scene of a volume, without voxels, labels and bricks.
+ * style: Nullable: radiograph
+ * Errors: ARGUMENT. */
 pliant_status render_scene_of(const pliant_volume *volume, const pliant_camera *camera, const pliant_style *style, double water, render_scene *out);
 size_t render_num_bricks(const render_scene *scene);
-/* Whether bricks are those of labels. */
+/* Return whether the bricks describe labels. */
 static inline bool render_by_label(const render_scene *scene, const render_output *out) { return !out->integral && scene->style.by_label; }
 
-/* On the CPU; scene: with voxels, and room for bricks. */
+/* Render on the CPU.
+ * scene: with voxels and a buffer for bricks */
 void render_fill_bricks(const render_scene *scene, bool by_label, int num_threads);
 void render_draw(const render_scene *scene, const render_output *out, int num_threads);
 

@@ -1,5 +1,5 @@
-/* Inner loops with AVX2. 8 voxels of 16 bits take 32 loads, each of a voxel and its right neighbour, and about as many
- * instructions to put them in place; floats likewise. */
+/* Inner loops with AVX2. 8 voxels of 16 bits need 32 loads, each of a voxel and its right neighbour, and about as many
+ * instructions to arrange them. Floats are similar. */
 #include "warp/sample.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -48,7 +48,7 @@ AVX2_INLINE int32_t claim_rows(raster_brick *brick, const raster_tet *tet, const
                     fall = _mm256_min_pd(t, fall);
                 at[p] = _mm256_add_pd(at[p], step_group[p]);
             }
-            /* Too small, or so small that it becomes INT_MIN: a shift by more than 16 or 31, which leaves no bit. */
+            /* A shift by more than 16 or 31 bits, also after conversion to INT_MIN, leaves no bit. */
             __m128i first = _mm_sub_epi32(_mm_set1_epi32(OWNER_SHIFT), _mm256_cvttpd_epi32(rise));
             __m128i beyond = _mm_sub_epi32(_mm_set1_epi32(OWNER_SHIFT + BRICK - 1), _mm256_cvttpd_epi32(fall));
             __m128i mask = _mm_and_si128(_mm_sllv_epi32(ones, first), _mm_srlv_epi32(ones, beyond));
@@ -68,7 +68,8 @@ CLAIM_FUNCTIONS
 /* source coordinates of the 16 voxels of a row: [axis][half] */
 typedef struct row_points { __m256 at[3][2]; } row_points;
 
-/* the points of all voxels by one map; j, k: of the row */
+/* Map all voxels of a row by one map.
+ * j, k: indices of the row */
 AVX2_INLINE row_points map_row(const raster_slot *map, __m128 j, __m128 k)
 {
     const __m256 left = _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7), right = _mm256_setr_ps(8, 9, 10, 11, 12, 13, 14, 15);
@@ -86,7 +87,7 @@ AVX2_INLINE row_points map_row(const raster_slot *map, __m128 j, __m128 k)
     return points;
 }
 
-/* The points of the sampled voxels of a row, each by its owner's map. */
+/* Map the sampled voxels of a row, each by its owner's map. */
 AVX2_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_points *points)
 {
     const __m128 j = _mm_set1_ps((float)(row % BRICK)), k = _mm_set1_ps((float)(row / BRICK));
@@ -94,7 +95,7 @@ AVX2_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_po
     int e = 0;
     row_kinds kinds = {0, 0};
     for (; e < count && brick->entry[e][row] & ENTRY_COPY; e++) kinds.copied |= brick->entry[e][row];
-    if (e < count) { /* of the first map all, until others claim their part */
+    if (e < count) { /* use the first map for all voxels; other entries overwrite their part */
         uint32_t entry = brick->entry[e++][row];
         kinds.sampled = entry;
         *points = map_row(&brick->slot[entry >> ENTRY_SLOT_SHIFT & ENTRY_SLOT].sample, j, k);
@@ -119,7 +120,8 @@ AVX2_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_po
     return kinds;
 }
 
-/* The cell below 8 coordinates along one axis; where in the cell goes to `within`. inner: no point needs a limit. */
+/* Return the cell below 8 coordinates along one axis; `within` gets the position in the cell.
+ * inner: no coordinate needs clamping */
 AVX2_INLINE __m256i split(const raster_brick *brick, int axis, const bool inner, __m256 at, float *within)
 {
     if (!inner)
@@ -148,14 +150,15 @@ AVX2_INLINE void find_cells(const raster_source *source, const raster_brick *bri
 {
     row_points points;
     cells->kinds = find_points(brick, row, &points);
-    cells->inner = brick->inner && cells->kinds.sampled == ENTRY_MASK; /* a free voxel's point may be anywhere */
+    /* the coordinates of a free voxel are arbitrary */
+    cells->inner = brick->inner && cells->kinds.sampled == ENTRY_MASK;
     if (cells->inner)
         split_all(source, brick, &points, true, cells);
     else if (cells->kinds.sampled)
         split_all(source, brick, &points, false, cells);
 }
 
-/* left weight in the low, right weight in the high 16 bits of each lane */
+/* left weight in the low and right weight in the high 16 bits of each lane */
 AVX2_INLINE __m256i pair_weights(__m256 x)
 {
     __m256i right = _mm256_cvtps_epi32(_mm256_mul_ps(x, _mm256_set1_ps(SAMPLE_ONE)));
@@ -163,7 +166,7 @@ AVX2_INLINE __m256i pair_weights(__m256 x)
     return _mm256_or_si256(left, _mm256_slli_epi32(right, 16));
 }
 
-/* from pairs of 16-bit numbers at the four corners */
+/* Interpolate pairs of 16-bit numbers at the four corners. */
 AVX2_INLINE __m256i blend_pairs(const __m256i pairs[4], const row_cells *cells, int first)
 {
     const __m256i weights = pair_weights(_mm256_load_ps(cells->x + first));
@@ -172,7 +175,7 @@ AVX2_INLINE __m256i blend_pairs(const __m256i pairs[4], const row_cells *cells, 
     return _mm256_cvtps_epi32(_mm256_mul_ps(blend_corners(along_x, cells, first), _mm256_set1_ps(1.0f / SAMPLE_ONE)));
 }
 
-/* The 8 pairs from `first` on, at the four corners */
+/* Load 8 pairs from `first` on, at the four corners. */
 AVX2_INLINE void load_eight(const brick_scan *scan, const row_cells *cells, int first, const ptrdiff_t voxel,
                             __m256i pairs[4])
 {
@@ -199,7 +202,7 @@ AVX2_INLINE __m256i eight_u8(const brick_scan *scan, const row_cells *cells, int
     return blend_pairs(pairs, cells, first);
 }
 
-/* The voxels of a row, the background where none is sampled */
+/* Sample the voxels of a row; the background where none is sampled. */
 AVX2_INLINE void sample_i16(const raster_source *source, const raster_brick *brick, const brick_scan *scan,
                             const row_cells *cells, int32_t row, int16_t *values)
 {

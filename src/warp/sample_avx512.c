@@ -1,5 +1,5 @@
-/* Inner loops with AVX-512: a row of a brick is one register of floats, and the masks of its owners are mask registers.
- * The loads of voxels are those of AVX2. */
+/* Inner loops with AVX-512. A row of a brick is one register of floats, and the masks of its owners are mask registers.
+ * Voxels are loaded as with AVX2. */
 #include "warp/sample.h"
 
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -50,11 +50,11 @@ SIMD_INLINE int32_t claim_rows(raster_brick *brick, const raster_tet *tet, const
                     fall = _mm512_min_pd(t, fall);
                 at[p] = _mm512_add_pd(at[p], step_group[p]);
             }
-            /* Too small, or so small that it becomes INT_MIN: a shift by more than 16 or 31, which leaves no bit. */
+            /* A shift by more than 16 or 31 bits, also after conversion to INT_MIN, leaves no bit. */
             __m256i first = _mm256_sub_epi32(_mm256_set1_epi32(OWNER_SHIFT), _mm512_cvttpd_epi32(rise));
             __m256i beyond = _mm256_sub_epi32(_mm256_set1_epi32(OWNER_SHIFT + BRICK - 1), _mm512_cvttpd_epi32(fall));
             __m256i mask = _mm256_and_si256(_mm256_sllv_epi32(ones, first), _mm256_srlv_epi32(ones, beyond));
-            int32_t group = (k * BRICK + g * SIMD_ROWS) / ROWS_AT_ONCE; /* and the next */
+            int32_t group = (k * BRICK + g * SIMD_ROWS) / ROWS_AT_ONCE; /* this group and the next one */
             __m128i *owned = (__m128i *)(void *)&brick->owned[group];
             __m128i before = _mm_loadu_si128(owned), fresh = _mm_andnot_si128(before, _mm256_cvtepi32_epi16(mask));
             if (_mm_testz_si128(fresh, fresh)) continue;
@@ -73,7 +73,7 @@ CLAIM_FUNCTIONS
 /* source coordinates of the 16 voxels of a row */
 typedef struct row_points { __m512 at[3]; } row_points;
 
-/* The points of the sampled voxels of a row, each by its owner's map. */
+/* Map the sampled voxels of a row, each by its owner's map. */
 SIMD_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_points *points)
 {
     const __m512 voxels = _mm512_setr_ps(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
@@ -104,7 +104,8 @@ SIMD_INLINE row_kinds find_points(const raster_brick *brick, int32_t row, row_po
     return kinds;
 }
 
-/* The cell below 16 coordinates along one axis; where in the cell goes to `within`. inner: no point needs a limit. */
+/* Return the cell below 16 coordinates along one axis; `within` gets the position in the cell.
+ * inner: no coordinate needs clamping */
 SIMD_INLINE __m512i split(const raster_brick *brick, int axis, const bool inner, __m512 at, float *within)
 {
     if (!inner)
@@ -130,14 +131,15 @@ SIMD_INLINE void find_cells(const raster_source *source, const raster_brick *bri
 {
     row_points points;
     cells->kinds = find_points(brick, row, &points);
-    cells->inner = brick->inner && cells->kinds.sampled == ENTRY_MASK; /* a free voxel's point may be anywhere */
+    /* the coordinates of a free voxel are arbitrary */
+    cells->inner = brick->inner && cells->kinds.sampled == ENTRY_MASK;
     if (cells->inner)
         split_all(source, brick, &points, true, cells);
     else if (cells->kinds.sampled)
         split_all(source, brick, &points, false, cells);
 }
 
-/* The pairs of a row at the four corners */
+/* Load the pairs of a row at the four corners. */
 SIMD_INLINE void load_row(const brick_scan *scan, const row_cells *cells, const ptrdiff_t voxel, __m512i pairs[4])
 {
     __m128i quarter[4][4];
@@ -152,10 +154,10 @@ SIMD_INLINE __m512 between16(__m512 a, __m512 b, __m512 t)
     return _mm512_add_ps(a, _mm512_mul_ps(t, _mm512_sub_ps(b, a)));
 }
 
-/* from pairs of 16-bit numbers at the four corners */
+/* Interpolate pairs of 16-bit numbers at the four corners. */
 SIMD_INLINE __m512i blend_pairs(const __m512i pairs[4], const row_cells *cells)
 {
-    /* left weight in the low, right weight in the high 16 bits of each lane */
+    /* left weight in the low and right weight in the high 16 bits of each lane */
     __m512i right = _mm512_cvtps_epi32(_mm512_mul_ps(_mm512_load_ps(cells->x), _mm512_set1_ps(SAMPLE_ONE)));
     __m512i weights =
         _mm512_or_si512(_mm512_sub_epi32(_mm512_set1_epi32(SAMPLE_ONE), right), _mm512_slli_epi32(right, 16));
@@ -165,7 +167,7 @@ SIMD_INLINE __m512i blend_pairs(const __m512i pairs[4], const row_cells *cells)
     return _mm512_cvtps_epi32(_mm512_mul_ps(value, _mm512_set1_ps(1.0f / SAMPLE_ONE)));
 }
 
-/* The voxels of a row, the background where none is sampled */
+/* Sample the voxels of a row; the background where none is sampled. */
 SIMD_INLINE void sample_i16(const raster_source *source, const raster_brick *brick, const brick_scan *scan,
                             const row_cells *cells, int32_t row, int16_t *values)
 {

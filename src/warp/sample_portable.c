@@ -1,5 +1,5 @@
-/* Inner loops in plain C. The operations are those of simd.h and the files that include it, one by one and in the same
- * order, so that all give the same bits. */
+/* Inner loops in plain C. The operations and their order are the same as in simd.h and the files that include it, so
+ * all sets give bitwise identical results. */
 #include "warp/sample.h"
 #include "warp/owners.h"
 
@@ -57,8 +57,8 @@ static inline float between(float a, float b, float t) { return a + t * (b - a);
 
 typedef struct sample_cell {
     ptrdiff_t corner[4]; /* flat index of the cell's left corners: (y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1) */
-    ptrdiff_t right;     /* step to its right corners */
-    float x, y, z;       /* where in the cell */
+    ptrdiff_t right;     /* offset to its right corners */
+    float x, y, z;       /* position in the cell */
 } sample_cell;
 
 static inline sample_cell find_cell(const raster_source *source, const raster_brick *brick, sample_point at)
@@ -80,7 +80,7 @@ static inline float blend(const sample_cell *cell, const float along_x[4])
     return between(between(along_x[0], along_x[1], cell->y), between(along_x[2], along_x[3], cell->y), cell->z);
 }
 
-/* whole numbers along x, as SAMPLE_ONE parts */
+/* Interpolate integers along x, in units of 1 / SAMPLE_ONE. */
 static inline int32_t weigh(const sample_cell *cell, int32_t left, int32_t right)
 {
     int32_t weight = (int32_t)lrintf(cell->x * SAMPLE_ONE);
@@ -118,7 +118,7 @@ static inline float sample_f32(const raster_source *source, const raster_brick *
     return blend(&cell, along_x);
 }
 
-/* Two functions a type: type is the voxel's, name that of the union member and of the sampler. */
+/* Define two functions for a voxel type; name: union member and suffix of the sampler. */
 #define ROW_FUNCTIONS(type, name)                                                                                   \
     static void row_##name(const raster_source *source, const raster_brick *brick, int32_t row, type *values)       \
     {                                                                                                               \

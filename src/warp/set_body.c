@@ -1,4 +1,4 @@
-/* From one body to the next: what stays is not drawn again. */
+/* Change a warp to another body without redrawing unchanged parts. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "topology/parts.h"
@@ -7,27 +7,27 @@
 
 #include <string.h>
 
-/* of the warp, with room for more than there is */
+/* arrays of the warp that may need a larger capacity */
 enum { NODE_ARRAYS = 4, ELEMENT_ARRAYS = 2, NUM_ARRAYS = 7 };
 
 struct pliant_warp_next {
     const pliant_mesh *mesh;
     const pliant_body *body;
-    int32_t load_nodes;        /* nodes at load: they are the same in all bodies */
+    int32_t load_nodes;        /* number of initial nodes, which are the same in all bodies */
     pliant_parts *parts;
     pliant_fit *fit;
     size_t node_room, element_room, candidate_room;
-    void *longer[NUM_ARRAYS];  /* in place of the warp's arrays; NULL: those have room */
+    void *longer[NUM_ARRAYS];  /* larger arrays that replace the warp's; NULL: the capacity suffices */
     int32_t *guest_fixed;      /* (guests x 12) */
     raster_tet *guest_tets;    /* (guests) */
     pliant_warp_changes changes;
-    uint8_t *left;             /* (elements of before - common) 1: goes on */
+    uint8_t *left;             /* (previous elements - common) 1: still exists */
     const pliant_warp_device *device;
     void *device_next;
-    bool device_lost;          /* it could not follow: the CPU draws from then on */
+    bool device_lost;          /* the device cannot change, so the CPU draws from now on */
 };
 
-/* where no node ever is */
+/* a position that no node has */
 static const int32_t nowhere = INT32_MIN;
 
 void pliant_warp_next_free(pliant_warp_next *next)
@@ -46,7 +46,7 @@ void pliant_warp_next_free(pliant_warp_next *next)
     pliant_free(next);
 }
 
-/* whether a body follows the one that is drawn: it lists what differs */
+/* Return whether a body directly follows the drawn one, so that it lists the differences. */
 static bool is_next(const pliant_warp *warp, const pliant_body *body) { return warp->body && body->changes.since == warp->body->revision; }
 
 static pliant_status check(const pliant_warp *warp, const pliant_body *body)
@@ -61,7 +61,7 @@ static pliant_status check(const pliant_warp *warp, const pliant_body *body)
     return PLIANT_OK;
 }
 
-/* Nodes' arrays, then elements', then the candidates. */
+/* List the nodes' arrays, then the elements' arrays, then the candidates. */
 static void list_arrays(pliant_warp *warp, void **array[NUM_ARRAYS], size_t size[NUM_ARRAYS])
 {
     void **arrays[NUM_ARRAYS] = {(void **)&warp->rest, (void **)&warp->fixed, (void **)&warp->next,      (void **)&warp->moved,
@@ -72,7 +72,7 @@ static void list_arrays(pliant_warp *warp, void **array[NUM_ARRAYS], size_t size
     memcpy(size, sizes, sizeof sizes);
 }
 
-/* Longer arrays where the nodes and elements that come have no room. */
+/* Allocate larger arrays if the capacity for nodes or elements is too small. */
 static bool make_room(pliant_warp *warp, size_t nodes, size_t elements, pliant_warp_next *next)
 {
     void **array[NUM_ARRAYS];
@@ -106,10 +106,11 @@ static void take_room(pliant_warp *warp, pliant_warp_next *next)
     warp->capacity = next->candidate_room;
 }
 
-/* the box that is a host's in some parts, Nullable */
+/* Return the box of a host; parts Nullable. */
 static int32_t box_of(const pliant_parts *parts, int32_t tet) { return parts ? parts->view.elements[tet].box : -1; }
 
-/* whether a node of the next body is none of the body before, or another one of that number, as copies may be after an undo */
+/* Return whether a node of the next body is not in the drawn body, or differs from the node with its number, as copies
+ * may after an undo. */
 static bool is_new(const pliant_warp *warp, const pliant_warp_next *next, int32_t node)
 {
     const pliant_mesh *old = warp->mesh, *mesh = next->mesh;
@@ -125,7 +126,7 @@ static bool differs(const pliant_warp *warp, const pliant_warp_next *next, int32
     return other || !pliant_parts_same(warp->parts, box_of(warp->parts, tet), next->parts, box_of(next->parts, tet));
 }
 
-/* Guests of both bodies that are the same keep how they were drawn. */
+/* Keep the drawn state of guests that both bodies have. */
 static void carry_guests(const pliant_warp *warp, pliant_warp_next *next)
 {
     const pliant_parts *old = warp->parts, *now = next->parts;
@@ -153,7 +154,7 @@ static int32_t count_fragments(const pliant_body *body, int32_t host)
     return at < 0 ? 1 : body->cuts->start[at + 1] - body->cuts->start[at];
 }
 
-/* the fragments of a tetrahedron at load that are common to both bodies; returns how many */
+/* List the fragments of an initial tetrahedron that both bodies have; return their number. */
 static int32_t list_fragments(const pliant_body *body, int32_t host, int32_t common, int32_t *out)
 {
     const pliant_cuts *cuts = body->cuts;
@@ -165,8 +166,8 @@ static int32_t list_fragments(const pliant_body *body, int32_t host, int32_t com
     return listed;
 }
 
-/* Tetrahedra of both bodies that may be drawn otherwise: what the next body lists, and where there are other parts; of any other body, all.
- * NULL: no memory */
+/* List the tetrahedra of both bodies that may be drawn differently: those that the next body lists and those with other
+ * parts. If the body is not the next one, all are listed. NULL: out of memory. */
 static int32_t *list_doubtful(const pliant_warp *warp, const pliant_warp_next *next, int32_t *count)
 {
     const pliant_body_changes *changes = &next->body->changes;
@@ -224,7 +225,7 @@ static void find_rest(const pliant_warp *warp, const pliant_mesh *mesh, int32_t 
     pliant_geometry_to_index(&warp->scan, mesh->rest + 3 * (size_t)node, rest + 3 * (size_t)node);
 }
 
-/* A device that fails, or has no room, stops no cut. */
+/* Prepare the device. A failure or a lack of memory of the device must not prevent a cut. */
 static pliant_status prepare_device(pliant_warp *warp, pliant_warp_next *next)
 {
     const int32_t known = next->load_nodes < warp->mesh->num_nodes ? next->load_nodes : warp->mesh->num_nodes;
@@ -285,7 +286,7 @@ static void swap(void *a, void *b)
 
 static void leave_device(pliant_warp *warp)
 {
-    pliant_warp_volume(warp); /* as it drew it last, if that can be had, until the next update */
+    pliant_warp_volume(warp); /* keep the last drawn volume, if available, until the next update */
     pliant_warp_fall_back(warp);
 }
 
@@ -302,7 +303,8 @@ void pliant_warp_take(pliant_warp *warp, pliant_warp_next *next)
         find_rest(warp, mesh, n, warp->rest);
         for (int d = 0; d < 3; d++) warp->fixed[3 * n + d] = nowhere;
     }
-    for (int32_t i = 0; i < changes->num_anew; i++) warp->anew[changes->anew[i]] = 1; /* beside those that were to be, where there was no update since */
+    /* in addition to elements already marked, if there was no update since */
+    for (int32_t i = 0; i < changes->num_anew; i++) warp->anew[changes->anew[i]] = 1;
     for (int32_t e = changes->common; e < changes->now; e++)
         warp->anew[e] = changes->from[e - changes->common] < 0 || (e < mesh->num_tets && warp->anew[e]);
     for (int32_t t = warp->mesh->num_tets; t < mesh->num_tets; t++) memset(&warp->tets[t], 0, sizeof warp->tets[t]);

@@ -1,7 +1,6 @@
-/* What the inner loops with AVX2 and with AVX-512 share. Both are chosen at run time; the rest of the library stays
- * portable. The including file defines SIMD and SIMD_INLINE, the attributes of its functions, and SIMD_ROWS, the
- * rows whose intervals it finds at once. All operations are those
- * of sample_portable.c, in the same order. */
+/* Functions shared by the inner loops with AVX2 and AVX-512, which are chosen at run time; the rest of the library is
+ * portable. The including file defines SIMD and SIMD_INLINE, the attributes of its functions, and SIMD_ROWS, the number
+ * of rows whose intervals it finds at once. All operations and their order are the same as in sample_portable.c. */
 #ifndef PLIANT_WARP_SIMD_H
 #define PLIANT_WARP_SIMD_H
 
@@ -14,21 +13,22 @@
 #define AVX2 __attribute__((target("avx2,popcnt")))
 #define AVX2_INLINE static inline __attribute__((always_inline, target("avx2,popcnt")))
 
-/* indices are 32 bits, and every voxel's right neighbour is in memory */
+/* indices have 32 bits, and every voxel's right neighbour must be in memory */
 static inline bool simd_suits(const raster_source *source)
 {
     return source->size[0] >= 2 && source->count <= INT32_MAX / 4;
 }
 
-/* The planes of a tetrahedron that cut a brick, by number 0 to 3: values at the first voxel of the box's first row of a
- * group, plus 1/2 and what shifts t by OWNER_SHIFT (by less where the plane is parallel to rows, where it matters not).
- */
+/* Planes of a tetrahedron that intersect a brick, numbered 0 to 3. start: value at the first voxel of the box's first
+ * row of a group, plus 1/2 and a term that shifts t by OWNER_SHIFT (less for a plane parallel to the rows, where it has
+ * no effect). */
 typedef struct brick_planes {
     alignas(32) double start[4], step_group[4];
-    uint32_t rising, others; /* one bit a plane */
+    uint32_t rising, others; /* one bit per plane */
 } brick_planes;
 
-/* group: rows at once. false when a plane leaves nothing of the brick. */
+/* Find the planes; false if a plane excludes the whole brick.
+ * group: rows at once */
 AVX2_INLINE bool find_planes(const raster_tet *tet, const int32_t origin[3], const owner_box *box, int32_t group,
                              brick_planes *planes)
 {
@@ -39,7 +39,7 @@ AVX2_INLINE bool find_planes(const raster_tet *tet, const int32_t origin[3], con
     const __m256d k = _mm256_loadu_pd(tet->normal[2]), value = _mm256_load_pd(values);
     __m256d rise = _mm256_add_pd(_mm256_add_pd(_mm256_max_pd(i, zero), _mm256_max_pd(j, zero)), _mm256_max_pd(k, zero));
     __m256d fall = _mm256_add_pd(_mm256_add_pd(_mm256_min_pd(i, zero), _mm256_min_pd(j, zero)), _mm256_min_pd(k, zero));
-    /* the most and the least in the brick, whose signs are exact */
+    /* maximum and minimum in the brick, whose signs are exact */
     if (_mm256_movemask_pd(_mm256_add_pd(value, _mm256_mul_pd(rise, edge)))) return false;
     uint32_t cut = (uint32_t)_mm256_movemask_pd(_mm256_add_pd(value, _mm256_mul_pd(fall, edge)));
     uint32_t up = (uint32_t)_mm256_movemask_pd(_mm256_cmp_pd(i, zero, _CMP_GT_OQ));
@@ -55,13 +55,13 @@ AVX2_INLINE bool find_planes(const raster_tet *tet, const int32_t origin[3], con
     return true;
 }
 
-/* Gives 4 rows' free voxels, the low four masks of 16 bits, to an owner. */
+/* Assign the free voxels of 4 rows (the low four masks of 16 bits) to an owner. */
 AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, __m128i masks, __m128i entry)
 {
     __m128i entries = _mm_or_si128(_mm_cvtepu16_epi32(masks), entry);
     uint32_t counts;
     memcpy(&counts, brick->num_entries + ROWS_AT_ONCE * group, sizeof counts);
-    const int32_t row = ROWS_AT_ONCE * group; /* an empty one is written but not counted */
+    const int32_t row = ROWS_AT_ONCE * group; /* an empty entry is written but not counted */
     brick->entry[counts & 0xff][row] = (uint32_t)_mm_cvtsi128_si32(entries);
     brick->entry[counts >> 8 & 0xff][row + 1] = (uint32_t)_mm_extract_epi32(entries, 1);
     brick->entry[counts >> 16 & 0xff][row + 2] = (uint32_t)_mm_extract_epi32(entries, 2);
@@ -71,8 +71,9 @@ AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, __m128i masks, 
     memcpy(brick->num_entries + ROWS_AT_ONCE * group, &counts, sizeof counts);
 }
 
-/* find_owners, with claim_rows of the including file. A closed surface has rising and other planes, so at most three of
- * a kind. There is a copy for every number of planes: loops over planes unroll, and their values stay in registers. */
+/* Implements find_owners with claim_rows of the including file. A closed surface has rising and other planes, so there
+ * are at most three of a kind. There is one instance for every number of planes, so that loops over planes unroll and
+ * their values stay in registers. */
 #define CLAIM_CASE(rising, others) \
     case 4 * rising + others: return claim_rows(brick, tet, &planes, box, entry, rising, others);
 #define CLAIM_FUNCTIONS                                                                                               \
@@ -98,16 +99,17 @@ AVX2_INLINE void add_entries(raster_brick *brick, int32_t group, __m128i masks, 
 /* the voxels of a row that are sampled and copied */
 typedef struct row_kinds { uint32_t sampled, copied; } row_kinds;
 
-/* The points of a row: flat index of the left lower corner of their cells, relative to the base, and where in these. */
+/* Points of a row: flat index of the left lower corner of their cells relative to the base, and the positions in the
+ * cells. */
 typedef struct row_cells {
     alignas(64) int32_t corner[BRICK];
     alignas(64) float x[BRICK], y[BRICK], z[BRICK];
     row_kinds kinds;
-    bool inner; /* no cell is near the end of the scan */
+    bool inner; /* whether no cell is near the end of the scan */
 } row_cells;
 
-/* What a brick's rows have in common: the left voxel of the cell at the brick's base, at (y, z), (y + 1, z), (y, z + 1)
- * and (y + 1, z + 1). */
+/* Data that all rows of a brick share: the left voxel of the cell at the brick's base, at (y, z), (y + 1, z), (y, z +
+ * 1) and (y + 1, z + 1). */
 typedef struct brick_scan { const char *corner[4]; } brick_scan;
 
 AVX2_INLINE brick_scan scan_of(const raster_source *source, const raster_brick *brick, ptrdiff_t voxel)
@@ -119,7 +121,7 @@ AVX2_INLINE brick_scan scan_of(const raster_source *source, const raster_brick *
     return scan;
 }
 
-/* in the lanes whose bit is set, the sign bit, for blends that ask for no more */
+/* Set the sign bit in the lanes whose bit is set, for blend instructions, which use only the sign. */
 AVX2_INLINE __m256 left_lanes(__m256i mask)
 {
     return _mm256_castsi256_ps(_mm256_sllv_epi32(mask, _mm256_setr_epi32(31, 30, 29, 28, 27, 26, 25, 24)));
@@ -129,7 +131,7 @@ AVX2_INLINE __m256 right_lanes(__m256i mask)
     return _mm256_castsi256_ps(_mm256_sllv_epi32(mask, _mm256_setr_epi32(23, 22, 21, 20, 19, 18, 17, 16)));
 }
 
-/* all ones in the 16-bit lanes whose bit is set */
+/* Set all bits in the 16-bit lanes whose bit is set. */
 AVX2_INLINE __m256i lanes16(uint32_t mask)
 {
     const __m256i bits =
@@ -144,8 +146,8 @@ AVX2_INLINE __m256 between(__m256 a, __m256 b, __m256 t)
 
 typedef int32_t __attribute__((may_alias, aligned(1))) unaligned_int32;
 
-/* 32 bits of each of 4 cells, from its left voxel on, at their four corners. Single loads: faster than gather
- * instructions here (Zen 4), and not much slower where those are fast. */
+/* Load 32 bits at the four corners of each of 4 cells, from the left voxel on. Single loads are faster than gather
+ * instructions on Zen 4, and not much slower on machines with fast gathers. */
 AVX2_INLINE void load_pairs(const brick_scan *scan, const int32_t cells[4], const ptrdiff_t voxel, __m128i pairs[4])
 {
     const ptrdiff_t at[4] = {voxel * cells[0], voxel * cells[1], voxel * cells[2], voxel * cells[3]};
@@ -174,7 +176,7 @@ AVX2_INLINE __m128 two_pairs(const float *voxels, const int32_t cells[2])
     return _mm_loadh_pi(first, (const __m64 *)(const void *)(voxels + cells[1]));
 }
 
-/* 8 voxels from `first` on */
+/* Sample 8 voxels from `first` on. */
 AVX2_INLINE __m256 eight_f32(const brick_scan *scan, const row_cells *cells, int first)
 {
     const int32_t *corner = cells->corner + first;
@@ -189,7 +191,7 @@ AVX2_INLINE __m256 eight_f32(const brick_scan *scan, const row_cells *cells, int
     return blend_corners(along_x, cells, first);
 }
 
-/* Where mask has a bit, `from` replaces values. */
+/* Replace the values whose mask bit is set. */
 AVX2_INLINE void put_i16(__m256i from, uint32_t mask, int16_t *values)
 {
     __m256i old = _mm256_loadu_si256((const __m256i *)(const void *)values);
@@ -226,7 +228,8 @@ AVX2_INLINE void copy_row_f32(const float *from, uint32_t mask, float *values)
     put_f32(_mm256_loadu_ps(from), _mm256_loadu_ps(from + 8), mask, values);
 }
 
-/* 16 voxels, the background where mask has no bit. Not by `put`: a masked store that is loaded again at once stalls. */
+/* Store 16 voxels, with the background where the mask bit is not set. A masked store is not used here, because loading
+ * it back immediately stalls. */
 AVX2_INLINE void fill_i16(const raster_source *source, __m256i from, uint32_t mask, int16_t *values)
 {
     if (mask != ENTRY_MASK) from = _mm256_blendv_epi8(_mm256_set1_epi16(source->background.i16), from, lanes16(mask));
@@ -249,8 +252,8 @@ AVX2_INLINE void fill_f32(const raster_source *source, __m256 left, __m256 right
     _mm256_storeu_ps(values + 8, _mm256_blendv_ps(background, right, right_lanes(masks)));
 }
 
-/* Whether loads for a row of bytes stay in memory: 4 are read, the two wanted and two behind them, which the scan's
- * last voxels do not have. */
+/* Return whether the loads for a row of bytes stay in memory. A load reads 4 bytes, two more than needed, which do not
+ * exist after the scan's last voxels. */
 static inline bool bytes_to_spare(const raster_source *source, const raster_brick *brick, const row_cells *cells)
 {
     if (cells->inner) return true;
@@ -260,7 +263,7 @@ static inline bool bytes_to_spare(const raster_source *source, const raster_bric
     return furthest <= last;
 }
 
-/* Source voxels that the row two slices further on will likely want. */
+/* Prefetch the source voxels that the row two slices ahead will probably need. */
 AVX2_INLINE void prefetch_slices(const brick_scan *scan, const row_cells *cells, ptrdiff_t ahead, ptrdiff_t voxel)
 {
     const uintptr_t from = (uintptr_t)scan->corner[3];
@@ -268,9 +271,9 @@ AVX2_INLINE void prefetch_slices(const brick_scan *scan, const row_cells *cells,
     __builtin_prefetch((const void *)(from + (uintptr_t)(voxel * (cells->corner[BRICK - 1] + ahead))));
 }
 
-/* Two functions a type, with find_cells and sample_... of the including file. A slice at a time: first all cells, then
- * all values. One row after the other would wait for each one's chain of dependent operations; this way those of
- * several rows overlap. A copied run goes whole rows at once where the scan's memory allows. */
+/* Define two functions for a voxel type, with find_cells and sample_... of the including file. A slice is processed at
+ * once: first all cells, then all values. This overlaps the chains of dependent operations of several rows. Copied runs
+ * are copied as whole rows where the scan's memory allows. */
 #define WRITE_FUNCTION(type, name)                                                                                  \
     SIMD_INLINE void copy_##name(const raster_source *source, const raster_brick *brick, int32_t row, type *values) \
     {                                                                                                               \
@@ -310,7 +313,7 @@ AVX2_INLINE void prefetch_slices(const brick_scan *scan, const row_cells *cells,
         }                                                                                                           \
     }
 
-/* The kernels of the including file. */
+/* Define the kernels of the including file. */
 #define KERNEL_FUNCTION(name, supported)                                    \
     bool name(const raster_source *source, raster_kernels *out)             \
     {                                                                       \

@@ -1,11 +1,11 @@
-/* The target grid of a warp. */
+/* Compute the target grid of a warp. */
 #include "pliant/warp.h"
 
 #include "base/fail.h"
 
 #include <math.h>
 
-/* a box may stick out so far before the grid grows: rounding, not tissue [voxels] */
+/* maximum protrusion of a box that does not extend the grid, a rounding tolerance [voxels] */
 static const double slack = 1e-4;
 
 static bool usable(const pliant_geometry *geometry)
@@ -15,8 +15,8 @@ static bool usable(const pliant_geometry *geometry)
     return true;
 }
 
-/* Voxels to add before and behind along the scan's own axes, so that voxels (edge to edge) hold the points and a margin around them;
- * false: one of them is not finite. */
+/* Compute the number of voxels to add before and behind along the scan's axes, so that the grid (edge to edge) contains
+ * the points and a margin. Return false if a point is not finite. */
 static bool find_growth(const pliant_geometry *scan, const double *points, int32_t num_points, double margin, double before[3], double behind[3])
 {
     bool finite = isfinite(margin) && margin >= 0;
@@ -50,7 +50,7 @@ pliant_status pliant_warp_target(const pliant_geometry *scan, const double *poin
     pliant_geometry target = *scan;
     pliant_geometry_to_world(scan, (const double[3]){-before[0], -before[1], -before[2]}, target.origin);
     for (int d = 0; d < 3; d++) target.size[d] = (int32_t)size[d];
-    /* not grown on this side: the origin stays as it is, to the bit */
+    /* a side without growth keeps the origin bitwise identical */
     if (before[0] == 0 && before[1] == 0 && before[2] == 0)
         for (int d = 0; d < 3; d++) target.origin[d] = scan->origin[d];
     *out = target;

@@ -1,4 +1,4 @@
-/* What sees a model's tissue: its deformed volume and the labels of that, drawn when a picture asks for them. */
+/* Render the tissue of a model: warp the volume and its labels when an image needs them. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "material/mixed.h"
@@ -9,26 +9,26 @@
 
 #include <string.h>
 
-/* A warp of the view's own, and how far it has come. */
+/* A warp of the view and its state. */
 typedef struct view_warp {
-    pliant_warp *warp;       /* NULL: nothing has asked for it yet */
-    const pliant_body *body; /* retained: that it draws */
-    bool fresh;              /* it has drawn the positions of now */
+    pliant_warp *warp;       /* NULL: not needed yet */
+    const pliant_body *body; /* retained; the body that it draws */
+    bool fresh;              /* whether it has drawn the current positions */
 } view_warp;
 
 struct pliant_view {
     const pliant_model *model;
     pliant_geometry target;
-    pliant_style style;      /* of the scan */
-    pliant_volume materials; /* UINT8, on the scan's grid; without voxels until labels are asked for */
+    pliant_style style;      /* default style of the scan */
+    pliant_volume materials; /* UINT8, on the scan's grid; without voxels until labels are needed */
     view_warp values, labels;
-    const pliant_warp *drawn; /* Nullable: borrowed, in place of values */
+    const pliant_warp *drawn; /* Nullable: borrowed; used instead of values */
     const pliant_body *body; /* retained */
     double *positions;
-    size_t room;             /* nodes that those have room for */
+    size_t room;             /* capacity of positions, in nodes */
     float *bricks;           /* NULL until the CPU needs them */
     enum { BRICKS_NONE, BRICKS_VALUES, BRICKS_LABELS } bricks_of;
-    uint8_t shown[PLIANT_NUM_LABELS]; /* BRICKS_LABELS: of these */
+    uint8_t shown[PLIANT_NUM_LABELS]; /* for BRICKS_LABELS: shown labels */
 };
 
 static int threads_of(const pliant_view *view) { return pliant_threads_of(view->model->scene.solver.threads); }
@@ -94,7 +94,7 @@ pliant_status pliant_view_set(pliant_view *view, const pliant_body *body, const 
     return PLIANT_OK;
 }
 
-/* Labels of the scan's voxels: materials as pictures show them, plus 1, but for empty ones. */
+/* Compute the labels of the scan's voxels: material of the image plus 1, or 0 for empty voxels. */
 static pliant_status find_materials(pliant_view *view)
 {
     const pliant_model *model = view->model;
@@ -135,7 +135,7 @@ static pliant_status create_warp(pliant_view *view, bool labels, view_warp *of)
     return PLIANT_OK;
 }
 
-/* The warp of the positions of now. */
+/* Return the warp, drawn for the current positions. */
 static pliant_status draw_warp(pliant_view *view, bool labels, const pliant_warp **out)
 {
     view_warp *of = labels ? &view->labels : &view->values;
@@ -158,7 +158,7 @@ static pliant_status draw_warp(pliant_view *view, bool labels, const pliant_warp
     return PLIANT_OK;
 }
 
-/* On the GPU, where all that is seen lies there. false: the CPU is to draw. */
+/* Render on the GPU if all volumes are there. Return false if the CPU must render. */
 static bool draw_there(const pliant_warp *values, const pliant_warp *labels, const render_scene *scene, const render_output *out)
 {
     if (!values->accelerated || !values->device->see || (labels && !labels->accelerated)) return false;
@@ -167,7 +167,7 @@ static bool draw_there(const pliant_warp *values, const pliant_warp *labels, con
     return false;
 }
 
-/* Once for all pictures of the same volume, or of the same labels in it. */
+/* Compute the bricks once for all images of the same volume or labels. */
 static void fill_bricks(pliant_view *view, const render_scene *scene, bool by_label)
 {
     const bool kept = by_label ? view->bricks_of == BRICKS_LABELS && memcmp(view->shown, scene->style.shown, sizeof view->shown) == 0
@@ -195,7 +195,7 @@ static pliant_status draw(pliant_view *view, render_scene *scene, const render_o
     return PLIANT_OK;
 }
 
-/* A volume's header on the target: what a scene is made of. */
+/* Return the header of a volume on the target grid, from which a scene is created. */
 static pliant_volume header(const pliant_view *view)
 {
     pliant_volume volume = *view->model->scan;

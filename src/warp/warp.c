@@ -1,4 +1,4 @@
-/* The deformed volume from update to update: what moved, which bricks that touches, and redoing those. */
+/* Update the deformed volume: find the moved elements and the bricks that they touch, and redraw these bricks. */
 #include "base/fail.h"
 #include "base/free_memory.h"
 #include "pliant/memory.h"
@@ -142,7 +142,7 @@ bool pliant_warp_use(pliant_warp *warp, raster_set set)
     }
 }
 
-/* The coming update's nodes; how many moved. */
+/* Compute the fixed-point nodes of the next update. Return the number of moved nodes. */
 static int32_t fix_nodes(pliant_warp *warp, const double *positions)
 {
     int32_t num_nodes = warp->mesh->num_nodes, num_moved = 0;
@@ -156,7 +156,7 @@ static int32_t fix_nodes(pliant_warp *warp, const double *positions)
     return num_moved;
 }
 
-/* Guests' corners for the coming update; those that moved are drawn anew. How many did. */
+/* Compute the guests' corners for the next update, and mark moved guests. Return their number. */
 static int32_t fix_guests(pliant_warp *warp, const double *positions)
 {
     int32_t num_moved = 0;
@@ -202,8 +202,9 @@ static void set_tet(pliant_warp *warp, const int32_t *fixed, int32_t t)
 
 typedef enum visit { VISIT_MARK, VISIT_LEAVE, VISIT_COUNT, VISIT_LIST } visit;
 
-/* For a brick that a tetrahedron touches: mark it dirty, or left; or, if it is dirty, count or list the tetrahedron.
- * end: of the part of the candidates that this thread makes. */
+/* Visit a brick that a tetrahedron touches: mark it as dirty or left, or count or list the tetrahedron if the brick is
+ * dirty.
+ * end: range ends of this thread */
 static inline void visit_brick(pliant_warp *warp, int32_t t, int32_t brick, visit what, size_t *end)
 {
     switch (what) {
@@ -242,7 +243,7 @@ static void visit_bricks(pliant_warp *warp, int32_t t, visit what, size_t *end)
 
 void pliant_warp_leave_bricks(pliant_warp *warp, int32_t element) { visit_bricks(warp, element, VISIT_LEAVE, NULL); }
 
-/* Tetrahedra that moved, from the given nodes; bricks that they touched and touch become dirty. */
+/* Mark the tetrahedra that moved from the given nodes; bricks that they touched or touch become dirty. */
 static void move_tets(pliant_warp *warp, const int32_t *fixed)
 {
 #pragma omp parallel for num_threads(warp->num_threads) schedule(static)
@@ -255,7 +256,8 @@ static void move_tets(pliant_warp *warp, const int32_t *fixed)
     }
 }
 
-/* Each thread visits a run of tetrahedra, so that a brick's candidates ascend from thread to thread. */
+/* Visit all tetrahedra. Each thread takes a contiguous range, so that a brick's candidates ascend from thread to
+ * thread. */
 static void visit_all(pliant_warp *warp, visit what)
 {
     int64_t num_tets = warp->num_elements, parts = warp->num_threads;
@@ -265,7 +267,7 @@ static void visit_all(pliant_warp *warp, visit what)
             visit_bricks(warp, (int32_t)t, what, warp->end + part * warp->num_bricks);
 }
 
-/* How many candidates each part lists of every dirty brick; with room for all of them, if there is memory. */
+/* Count the candidates of every dirty brick for each thread, and enlarge the list if memory permits. */
 static void count_candidates(pliant_warp *warp)
 {
     const size_t counts = (size_t)warp->num_bricks * (size_t)warp->num_threads;
@@ -280,12 +282,12 @@ static void count_candidates(pliant_warp *warp)
     warp->capacity = total + total / 4;
 }
 
-/* Candidates of as many bricks as there is room for, at least one, from the first one that waits; counts become ends. */
+/* List the candidates of the next bricks, as many as fit but at least one. The counts become range ends. */
 static void list_candidates(pliant_warp *warp)
 {
     size_t total = 0;
     int32_t b = warp->listed[0] = warp->listed[1];
-    for (; b < warp->num_bricks; b++) { /* to where a part begins; listing moves that to its end */
+    for (; b < warp->num_bricks; b++) { /* store the start of each range, which listing advances to its end */
         size_t count = 0;
         for (int part = 0; part < warp->num_threads; part++) count += warp->end[(size_t)part * (size_t)warp->num_bricks + (size_t)b];
         if (total + count > warp->capacity) break;
@@ -305,7 +307,7 @@ static void redo_bricks(pliant_warp *warp)
     int32_t num_dirty = 0;
     for (int32_t b = first; b < warp->listed[1]; b++)
         if (warp->dirty[b]) warp->dirty_bricks[num_dirty++] = b;
-    /* runs of neighbours along i share memory; several for each thread share the work */
+    /* runs of adjacent bricks along i share memory; several runs per thread balance the load */
     const size_t *end = warp->end + (size_t)(warp->num_threads - 1) * (size_t)warp->num_bricks;
     int32_t run = num_dirty / (16 * warp->num_threads);
     run = run < 1 ? 1 : run > warp->grid.bricks[0] ? warp->grid.bricks[0] : run;
@@ -319,7 +321,7 @@ static void redo_bricks(pliant_warp *warp)
     }
 }
 
-/* Of a fit, the bricks that are listed: what is near a cut by its own elements, and then the rest. */
+/* Draw the listed bricks of a fit: first near a cut from the elements' own maps, then the rest. */
 static void fit_bricks(pliant_warp *warp)
 {
     const int32_t first = warp->listed[0], across = warp->grid.bricks[0], down = warp->grid.bricks[1];
@@ -361,7 +363,7 @@ static void fit_beside_cuts(pliant_warp *warp, const double *positions)
     }
 }
 
-/* Once, and beyond a voxel: the outermost nodes lie on the edge of a scan. */
+/* Log once if tissue is clipped by more than a voxel. The outermost nodes lie on the edge of a scan. */
 static void tell_cut_off(pliant_warp *warp, const double *positions)
 {
     const pliant_geometry *target = &warp->volume.geometry;
@@ -509,7 +511,7 @@ void pliant_warp_fall_back(pliant_warp *warp)
 
 const pliant_volume *pliant_warp_volume(const pliant_warp *warp)
 {
-    /* what cannot be had from a GPU that is lost stays as it was fetched last; the next update draws everything anew */
+    /* If a lost GPU cannot deliver the volume, the last fetched one is returned; the next update draws everything. */
     if (warp->accelerated && warp->device->fetch(warp->accelerated) != PLIANT_OK)
         pliant_log(PLIANT_LOG_WARNING, "the deformed volume is an older one: %s", pliant_last_error());
     return &warp->volume;
