@@ -30,7 +30,7 @@ pliant_status pliant_answers_create(int32_t num_free, pliant_answers *out)
     return PLIANT_OK;
 }
 
-/* With room for what is missing, of what is known only what is asked for. */
+/* Allocate a larger buffer, and keep only the known blocks that are needed again. */
 static pliant_status make_room(pliant_answers *answers, int32_t count, const int32_t *unknown)
 {
     const int32_t least = 32, room = 2 * count > least ? 2 * count : least;

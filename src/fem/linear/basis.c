@@ -68,9 +68,9 @@ void pliant_basis_project(pliant_basis *basis, double *x)
     }
 }
 
-/* ---- making it */
+/* ---- Construction. */
 
-/* what is needed only while it is made */
+/* Data used only during construction. */
 typedef struct basis_builder {
     const pliant_system *fine;
     pliant_linearized *linearized;
@@ -302,8 +302,8 @@ pliant_basis_size pliant_basis_measure(const pliant_system *fine, double radius,
     return size;
 }
 
-/* Numbers in a factor of K_pp, as its nodes^(4/3) (nested dissection), and what its ordering and its numbers take: of a
- * factor of tissue in all directions, an upper bound for others. Those of BLAS come faster than others. */
+/* Estimate the values in a factor of K_pp, by nodes^(4/3) (nested dissection), and the operations of ordering and
+ * factorization. It is an upper bound, accurate for compact tissue. Operations in BLAS are faster than others. */
 static double factor_numbers(pliant_basis_size size) { return 45 * pow(size.own, 4.0 / 3); }
 
 static double factor_operations(pliant_basis_size size)

@@ -20,9 +20,9 @@ void pliant_carried_free(pliant_carried *carried)
     pliant_free(carried);
 }
 
-/* ---- what is opened */
+/* ---- Opened unknowns. */
 
-/* the lattice's node where a node is; -1: a coarse one */
+/* Return the lattice position of a node; -1: a coarse node. */
 static int32_t place_of(const pliant_system *system, int32_t node)
 {
     if (system->mesh != system->fine && !system->graded) return -1;
@@ -39,13 +39,13 @@ static int32_t cell_of(const pliant_system *system, int32_t element, bool *whole
     if (!graded) return macros->cell[element];
     const int32_t i = element - graded->num_base;
     if (i < 0 || i >= graded->num_fine) return -1;
-    *whole = graded->tet[i] < 0; /* whatever its corners follow */
+    *whole = graded->tet[i] < 0; /* also if its corners follow other nodes */
     return system->fine->lattice_of_tet[*whole ? -1 - graded->tet[i] : graded->tet[i]] / 5;
 }
 
 static bool has_fine_cells(const pliant_system *system) { return system->macros && system->macros->cell && (system->graded || system->mesh == system->fine); }
 
-/* (cells, zeroed) hexahedra in each, up to 3, times HEXAHEDRON, and tetrahedra, up to 63 */
+/* Encode the elements of each cell (zeroed array): up to 3 hexahedra times HEXAHEDRON, and up to 63 tetrahedra. */
 enum { HEXAHEDRON = 64 };
 static void count_elements(const pliant_system *system, uint8_t *cube)
 {
@@ -93,7 +93,7 @@ static pliant_status open_copies(int32_t num_free, int32_t base_free, const int3
     return PLIANT_OK;
 }
 
-/* Unknowns where one of the base's is gone: it was a copy, and what is there has the other's elements now, too. */
+/* Mark unknowns where a copy of the base has gone. The remaining node then also has the copy's elements. */
 static pliant_status open_closed(const pliant_system *system, const pliant_carried_layout *base, const int32_t *source, uint8_t *opened)
 {
     const int32_t *cells = system->fine->cells;

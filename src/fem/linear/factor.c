@@ -223,8 +223,8 @@ pliant_status pliant_factor_clone(const pliant_factor *source, pliant_factor **o
     return PLIANT_OK;
 }
 
-/* CHOLMOD's supernodal factor is L L' and ends where a pivot is not positive; that of small matrices is L D L', which
- * goes on: what it solves is then no measure of a state. */
+/* Return whether all pivots are positive. CHOLMOD's supernodal factor L L' stops at a pivot that is not positive. The
+ * factor L D L' of small matrices does not stop, and its solutions are then no valid merit. */
 static bool is_positive(const cholmod_factor *l)
 {
     if (l->is_super || l->is_ll) return true;

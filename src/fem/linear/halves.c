@@ -64,7 +64,7 @@ PLIANT_VECTORIZED static void products(size_t count, const double *const a[3], c
 void pliant_half_product(const pliant_reach *reach, const pliant_half *a, const pliant_half *b, double out[9])
 {
     int32_t s = a->supernode, t = b->supernode;
-    while (s != t && s >= 0 && t >= 0) { /* to where both are eliminated into: what comes later has the higher number */
+    while (s != t && s >= 0 && t >= 0) { /* up to the first common supernode: later ones have higher numbers */
         if (s < t) s = reach->above[s];
         else t = reach->above[t];
     }

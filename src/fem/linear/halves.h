@@ -1,7 +1,9 @@
-/* Half a solve at a node: Z = L^-1 of its three unit forces, which is zero but where the node is eliminated into. Since
- * (L L')^-1 = L^-T L^-1,
- *     what forces at node b move at node a is Z_a' Z_b,    what a right side moves there Z_a' (L^-1 right),    and L^-1 of forces at a is Z_a f:
- * around the half solves that any solve makes, a few nodes cost their own products, no pass through the factor. */
+/* Half of a solve at a node: Z = L^-1 of its three unit forces. Z is zero except in rows into which the node is
+ * eliminated. Since (L L')^-1 = L^-T L^-1,
+ *     Z_a' Z_b          is the displacement of node a per force at node b,
+ *     Z_a' (L^-1 right) is the displacement of node a for a right side,
+ *     Z_a f             is L^-1 of the force f at a.
+ * Once the half solves exist, a few nodes cost only their products, without a pass through the factor. */
 #ifndef PLIANT_FEM_LINEAR_HALVES_H
 #define PLIANT_FEM_LINEAR_HALVES_H
 
@@ -12,17 +14,19 @@ extern "C" {
 #endif
 
 typedef struct pliant_half {
-    int32_t supernode;      /* the lowest that the node stands in */
-    int32_t length, room;   /* unknowns of that and of all that it is eliminated into, in the order of elimination */
-    double *value;          /* (3 x room), of which each has length */
+    int32_t supernode;      /* lowest supernode that contains the node */
+    /* Length: number of unknowns in that supernode and in all supernodes into which it is eliminated, in elimination
+     * order; `room`: capacity. */
+    int32_t length, room;
+    double *value;          /* (3 x `room`), each with `length` values */
 } pliant_half;
 
 void pliant_half_free(pliant_half *half); /* and empty */
-/* Errors: MEMORY. */
+/* Compute the half solve of a node. Errors: MEMORY. */
 pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t node, pliant_half *out);
-/* Z_a' Z_b, (3 x 3) by rows */
+/* Compute Z_a' Z_b, (3 x 3), row-major. */
 void pliant_half_product(const pliant_reach *reach, const pliant_half *a, const pliant_half *b, double out[9]);
-/* Z' x, and x += Z f, of x in the order of elimination */
+/* Compute Z' x, or add Z f to x. x is in elimination order. */
 void pliant_half_answer(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half, const double *x, double out[3]);
 void pliant_half_add(const pliant_supernodes *of, const pliant_reach *reach, const pliant_half *half, const double force[3], double *x);
 

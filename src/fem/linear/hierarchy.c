@@ -83,15 +83,15 @@ static void find_holders(const pliant_system *fine, const pliant_grid_level *lev
         int here = fine->macros ? fine->macros->start[e + 1] - fine->macros->start[e] : 4;
         for (int v = 0; v < here; v++) {
             const int32_t node = corner_of(fine, e, v);
-            /* beside a cut an element's corners may be those of a cube beside its own, too */
+            /* Next to a cut, an element's corners may belong to an adjacent cube. */
             if (fine->graded && (level->parent[e] < 0 || !pliant_level_weights(fine, next, node, level->parent[e], weights))) continue;
             holder[node] = level->parent[e];
         }
     }
 }
 
-/* free nodes of the finer level to nodes of the coarser one; coarse nodes that no free node leans on do not take
- * part */
+/* Map the free nodes of the finer level to nodes of the coarser level. Coarse nodes without a dependent free node are
+ * left out. */
 static pliant_status transfer(const pliant_system *fine, pliant_grid_level *level, pliant_grid_level *next)
 {
     size_t count = (size_t)fine->num_free, corners = (size_t)level->corners;
@@ -125,7 +125,7 @@ done:
     return status;
 }
 
-/* the same the other way round: what a coarse unknown gathers from */
+/* Build the inverse lists: the fine unknowns that contribute to a coarse unknown. */
 static pliant_status transpose(pliant_grid_level *level, int32_t num_fine, int32_t num_coarse)
 {
     const int32_t entries = level->corners * num_fine;

@@ -16,7 +16,7 @@ bool pliant_level_weights(const pliant_system *fine, const pliant_system *coarse
     const pliant_mesh *mesh = fine->mesh;
     if (!coarse->macros) {
         pliant_mesh_barycentric(coarse->mesh, element, mesh->rest + 3 * node, out);
-        /* a coordinate of a nested node is zero or at least one over the factor: what is smaller is rounding */
+        /* A coordinate of a nested node is zero or at least 1 / factor; smaller values are rounding errors. */
         for (int v = 0; v < 4; v++) out[v] = out[v] > 1e-6 ? out[v] : 0;
         return true;
     }

@@ -11,7 +11,7 @@
 /* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a
  * tenth need the fewest evaluations for the time) */
 enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
-/* corners of an element of the finest level, at most: beside a cut (coarse/graded.c) */
+/* Maximum number of corners of an element of the finest level, next to a cut (coarse/graded.c). */
 enum { MOST_CORNERS = 64 };
 static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 
@@ -179,7 +179,7 @@ static void invert(const double m[9], float out[9])
     for (int n = 0; n < 9; n++) out[n] = determinant > 0 ? (float)(c[n] / determinant) : 0;
 }
 
-/* of elements that list what goes to a block */
+/* Fill a column from elements that list their blocks. */
 static void fill_column(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents, int32_t column)
 {
     const pliant_pattern *pattern = &level->system.pattern;
@@ -287,7 +287,8 @@ static void scaled_step(const level_values *level, float a, float b, const float
     }
 }
 
-/* power iteration from a fixed start that is far from smooth; the margin covers what it has not found yet */
+/* Estimate the largest eigenvalue by power iteration from a fixed, non-smooth start. The margin covers the remaining
+ * error. */
 static void find_largest(const pliant_grid_level *grid, level_values *level)
 {
     size_t n = 3 * (size_t)level->system.num_free;

@@ -1,7 +1,7 @@
-/* Levels whose elements are fragments. Elements of a level that lie in one cube of the next are one element there if
- * they hang together through nodes that move, else several; such elements share the nodes at the corners that their
- * common nodes lean on, and no others (virtual nodes: Molino, Bao, Fedkiw 2004, on every level). What a cut has parted
- * is apart on all of them. */
+/* Levels whose elements are fragments. The elements in one cube of the next level form one element there if moving
+ * nodes connect them, and several elements otherwise. Such elements share only corner nodes that interpolate their
+ * common nodes (virtual nodes: Molino, Bao, Fedkiw 2004, on every level). Tissue that a cut has separated is therefore
+ * separate on all levels. */
 #include "fem/linear/hierarchy.h"
 
 #include "base/fail.h"
@@ -137,7 +137,7 @@ static pliant_status number_nodes(int32_t *same, pliant_grid_level *next)
     return PLIANT_OK;
 }
 
-/* elements beside a cut through coarse ones have the cells of the coarse lattice */
+/* Next to a cut through coarse elements, fine elements have the cell numbers of the coarse lattice. */
 static int32_t next_cell_of(const pliant_system *fine, const pliant_mesh *next, int32_t element)
 {
     const int32_t cell = fine->macros ? fine->macros->cell[element] : fine->mesh->lattice_of_tet[element] / 5;

@@ -1,4 +1,4 @@
-/* Some elements of a system as one of its own. */
+/* A subset of a system's elements as a separate system. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"

@@ -97,9 +97,9 @@ pliant_status pliant_system_find_pattern(pliant_system *system)
     return status;
 }
 
-/* What one element adds to one block: R K_ab R', for isotropic elements with the rotated gradients h = R g, and the
- * twist's share 1/2 [h_a]x' D [h_b]x: a change of position du_b turns the element by h_b x du_b / 2, against D
- * (elements.c). */
+/* Add the contribution of one element to one block. For isotropic elements it is R K_ab R' with the rotated gradients h
+ * = R g. The twist contributes 1/2 [h_a]x' D [h_b]x: a displacement du_b rotates the element by h_b x du_b / 2, against
+ * D (elements.c). */
 static void add_term(const pliant_system *system, const pliant_tangent *tangents, int32_t element, int a, int b, double block[9])
 {
     const pliant_tangent *tangent = tangents + element / LANES;

@@ -17,14 +17,14 @@ enum { COARSEST_OF_FRAGMENTS = 8000, FEWER_NEAR = 4 };
 struct pliant_preconditioner {
     pliant_system system;      /* a view of the constant system, with this one's number of threads */
     pliant_factor *factor;     /* direct */
-    double *values;            /* (pattern.num_values) room for the matrix; direct */
+    double *values;            /* (pattern.num_values) work array for the matrix; direct */
     pliant_hierarchy *hierarchy; /* shared by clones */
     pliant_multigrid *multigrid;
-    pliant_subdomain *near;    /* Nullable: beside the multigrid, around what cuts have opened */
-    double *rest, *left;       /* (3 num_free) room for it */
+    pliant_subdomain *near;    /* Nullable: with the multigrid, around opened cuts */
+    double *rest, *left;       /* (3 num_free) work arrays for near */
     const pliant_basis *basis; /* borrowed */
     pliant_reduction *reduction; /* of it */
-    pliant_carried *carried;   /* of a body before this system's */
+    pliant_carried *carried;   /* carried over from before a cut */
 };
 
 static pliant_status create_direct(pliant_preconditioner *preconditioner, const int32_t *order)
@@ -36,9 +36,9 @@ static pliant_status create_direct(pliant_preconditioner *preconditioner, const 
 
 static bool has_fragments(const pliant_system *system) { return system->graded || system->divided; }
 
-/* How many rings of elements around what is opened: beside coarse elements, which have a factor otherwise, as far as a
- * coarse cube is wide; on the fine mesh one, unless even that is more than a part of all unknowns, whose factor takes
- * longer than the V-cycle. 0: none */
+/* Find the number of element rings around opened unknowns. Next to coarse elements, which otherwise have a factor, it
+ * is the width of a coarse cube in fine cells. On the fine mesh it is one ring, or 0 if even one ring contains too
+ * large a fraction of all unknowns. Its factor would then take longer than the V-cycle. */
 static pliant_status find_rings(const pliant_system *system, const uint8_t *opened, int32_t *rings)
 {
     *rings = 1;
@@ -56,8 +56,9 @@ static pliant_status find_rings(const pliant_system *system, const uint8_t *open
     return status;
 }
 
-/* Fragments as thin as a node are not smoothed, and a cube of the next level has no tip of a cut in it: there the
- * inverse of the stiffness is part of the V-cycle, as it is of what is carried over (carried.h). */
+/* Create the local inverse around opened cuts. The smoother is inaccurate for fragments as thin as one node, and the
+ * next level's cubes do not resolve the tip of a cut. The V-cycle therefore includes the local inverse, as in
+ * carried.h. */
 static pliant_status create_near(pliant_preconditioner *preconditioner)
 {
     const pliant_system *system = &preconditioner->system;

@@ -111,7 +111,7 @@ static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner 
     return PLIANT_OK;
 }
 
-/* f''(a, b) by the central difference; u, forces: (n) room */
+/* Compute f''(a, b) by central differences. u, forces: (n) work arrays. */
 static void second_derivative(pliant_linearized *linearized, const double *a, const double *b, double step, double *u,
                               double *forces, double *out)
 {
@@ -193,16 +193,16 @@ pliant_status pliant_response_crossed(pliant_linearized *linearized, pliant_prec
 
 double pliant_response_force_operations(const pliant_system *system)
 {
-    /* turning an element, its stiffness, and back, LANES at a time: what it takes of a scalar rate; of a hexahedron
-     * some four times as much */
+    /* For a tetrahedron: rotation, stiffness and back-rotation, with LANES elements at a time, in operations at a
+     * scalar rate. A hexahedron takes about four times as many. */
     const double one = system->macros ? 600 : 150;
     return one * pliant_element_count(system);
 }
 
 double pliant_response_operations(const pliant_system *system, const pliant_preconditioner *preconditioner, const double *positions)
 {
-    /* products in a solve by the factor at rest, which is exact there; a multigrid's count has as many cycles
-     * already */
+    /* Products per solve with the factor at rest, which is exact at rest. The count of a multigrid includes its
+     * cycles. */
     const double moved = 1e-4; /* of a cell */
     bool direct = pliant_preconditioner_refuses(preconditioner), rests = true;
     for (int32_t v = 0; v < 3 * system->mesh->num_nodes && rests; v++)

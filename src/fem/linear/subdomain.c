@@ -27,19 +27,20 @@ void pliant_subdomain_free(pliant_subdomain *subdomain)
     pliant_free(subdomain);
 }
 
-/* ---- making it */
+/* ---- Construction. */
 
-/* what is needed only while it is made */
+/* Data used only during construction. */
 typedef struct builder {
     const pliant_system *whole;
     pliant_subdomain *made;
     uint8_t *inner;           /* (num_free of the whole) */
     int32_t *list, count;     /* (num_free) the inner unknowns */
     uint8_t *is_here;         /* (elements of the whole) */
-    int32_t *node;            /* (num_nodes of the whole) number here, or -1 */
+    int32_t *node;            /* (num_nodes of the whole system) local number, or -1 */
 } builder;
 
-/* unknowns a ring further: the free corners of the elements around those of the list from `first` on; the new length */
+/* Add one ring of unknowns: the free corners of the elements around list entries from `first` on. Return the new
+ * length. */
 static int32_t add_ring(const pliant_system *whole, int32_t first, int32_t last, uint8_t *inner, int32_t *list)
 {
     const int32_t *nodes = pliant_element_nodes(whole);
@@ -113,8 +114,8 @@ static pliant_status number_inner(const builder *build)
     return status;
 }
 
-/* What is cut off but for a hinge moves without force: the smallest part of the stiffness holds it where the factor
- * fails. */
+/* Factor the stiffness. A part that is attached only by a hinge moves without force. If the factorization fails, add
+ * the smallest sufficient fraction of the diagonal. */
 static pliant_status factorize(pliant_subdomain *made)
 {
     const pliant_pattern *pattern = &made->system.pattern;

@@ -1,6 +1,5 @@
-/* The stiffness around what a cut has opened: unknowns near it, everything beyond held, exact there. Beside a
- * preconditioner that knows the body only as it was before, it is one of the two parts of an overlapping Schwarz method
- * (carried.h). */
+/* The exact inverse stiffness around a cut: unknowns near it, with all other nodes held. Together with a preconditioner
+ * from before the cut it forms an overlapping Schwarz method (carried.h). */
 #ifndef PLIANT_FEM_LINEAR_SUBDOMAIN_H
 #define PLIANT_FEM_LINEAR_SUBDOMAIN_H
 
@@ -11,37 +10,44 @@ extern "C" {
 #endif
 
 typedef struct pliant_subdomain {
-    pliant_mesh mesh;         /* the elements that an inner unknown has a corner of, by numbers of their own */
-    pliant_system system;     /* of it; its unknowns are the inner ones */
-    int32_t *unknown;         /* (mesh.num_nodes) of the whole, or -1 */
+    pliant_mesh mesh;         /* elements with an inner unknown as a corner, with local node numbers */
+    pliant_system system;     /* of the mesh; its unknowns are the inner ones */
+    int32_t *unknown;         /* (mesh.num_nodes) unknown of the whole system, or -1 */
     int32_t num_elements;
-    int32_t *element;         /* (num_elements) of the whole */
+    int32_t *element;         /* (num_elements) element of the whole system */
     pliant_tangent *tangents; /* (system.num_blocks) */
-    double *stiffness;        /* of every tetrahedron, (12 x 12); NULL: macro-elements, which have theirs */
-    double *axes;             /* (mesh.num_nodes x 9) Nullable: of the nodes, when it was made; the whole's vectors are in these */
+    double *stiffness;        /* of every tetrahedron, (12 x 12); NULL: macro-elements, which store their own */
+    /* Nullable: (mesh.num_nodes x 9) axes of the nodes at creation; vectors of the whole system are in these axes. */
+    double *axes;
     pliant_factor *factor;
     double *values;           /* (pattern.num_values) */
-    double *inner;            /* (3 num_free) room */
-    double *x, *y;            /* (3 mesh.num_nodes) room */
+    double *inner;            /* (3 num_free) work array */
+    double *x, *y;            /* (3 mesh.num_nodes) work arrays */
 } pliant_subdomain;
 
-/* Elements that lie within so many elements of one of these unknowns. *out is NULL where nothing is opened. positions:
- * NULL: without numbers yet. axes: (num_free x 9) Nullable. Errors: MEMORY, NUMERIC. */
+/* Create a subdomain with the elements within `rings` elements of a marked unknown. *out is NULL if no unknown is
+ * marked.
+ * @param opened     (num_free) marked unknowns.
+ * @param positions  Nullable: (num_nodes x 3) [m]; NULL: without values.
+ * @param axes       Nullable: (num_free x 9).
+ * Errors: MEMORY, NUMERIC. */
 pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t *opened, int32_t rings, const double *positions, const double *axes,
                                       pliant_subdomain **out);
-/* What is inner: inner (num_free): opened ones on entry; list (num_free): those first. Returns how many there are. */
+/* List the inner unknowns and return their number.
+ * @param inner  (num_free) in: marked unknowns; out: inner unknowns.
+ * @param list   (num_free) out: marked unknowns first. */
 int32_t pliant_subdomain_inner(const pliant_system *system, int32_t rings, uint8_t *inner, int32_t *list);
-/* Numbers of a state where the whole's elements have these tangents; or those of another one of the same unknowns.
- * Errors: MEMORY, NUMERIC. */
+/* Compute the values for these tangents of the whole system's elements, or copy them from another subdomain with the
+ * same unknowns. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_subdomain_numeric(pliant_subdomain *subdomain, const pliant_tangent *tangents);
 pliant_status pliant_subdomain_copy(pliant_subdomain *to, const pliant_subdomain *from);
 void pliant_subdomain_free(pliant_subdomain *subdomain); /* Nullable */
 
-/* z = S right, S the inverse of the inner stiffness, and rest = right - K z: zero within. All (3 num_free of the
- * whole); rest and right may be the same; z is written at inner unknowns only, after it has been zeroed by whoever
- * calls. Errors: MEMORY. */
+/* Compute z = S right, with S the inverse of the inner stiffness, and rest = right - K z, which is zero inside. All are
+ * (3 num_free of the whole system). `rest` and `right` may be the same array. z is written at inner unknowns only; the
+ * caller zeroes it before. Errors: MEMORY. */
 pliant_status pliant_subdomain_solve(pliant_subdomain *subdomain, const double *right, double *z, double *rest);
-/* z -= S K v */
+/* Subtract S K v from z. */
 pliant_status pliant_subdomain_extend(pliant_subdomain *subdomain, const double *v, double *z);
 
 #ifdef __cplusplus

@@ -16,7 +16,7 @@ static bool same_fixed(const pliant_mesh *mesh, const uint8_t *fixed, const plia
     return differ == 0;
 }
 
-/* before: Nullable; what is numbered as it was there is not numbered again */
+/* Number the free nodes. before: Nullable: a system whose valid numbers are copied. */
 static pliant_status number_free(pliant_system *system, const uint8_t *fixed, const pliant_system *before)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -83,10 +83,10 @@ bool pliant_numbered_alike(const pliant_system *system, const pliant_system *bef
     return true;
 }
 
-/* The list of a node of which a corner is not kept, or was of such a one: what it keeps, and what is listed. */
+/* A changed list: a corner of its node is not kept, or was not kept. */
 typedef struct relist {
     int32_t unknown, length;
-    int32_t begin, end;      /* of what is listed, in places */
+    int32_t begin, end;      /* range of its listed changes */
 } relist;
 
 static int32_t count_not_kept(const uint8_t *kept, int32_t tets)
@@ -96,7 +96,7 @@ static int32_t count_not_kept(const uint8_t *kept, int32_t tets)
     return count;
 }
 
-/* Corners of what is not kept: those of now with their number, those of before with -1; in order */
+/* List the corners of elements that are not kept, in order: present ones with their number, earlier ones with -1. */
 static int32_t list_places(const pliant_system *system, const pliant_system *before, const uint8_t *kept, place *out)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -111,11 +111,12 @@ static int32_t list_places(const pliant_system *system, const pliant_system *bef
     return count;
 }
 
-/* where its list was; none of one that there was not */
+/* Return the list's range in the earlier system; it is empty for a new unknown. */
 static int32_t list_begin(const pliant_system *before, int32_t unknown) { return unknown < before->num_free ? before->corner_start[unknown] : 0; }
 static int32_t list_end(const pliant_system *before, int32_t unknown) { return unknown < before->num_free ? before->corner_end[unknown] : 0; }
 
-/* By node; *more: corners of lists that have no room where they were. Returns how many */
+/* Collect the changes by node, and return the number of lists. more: out: corners of lists that do not fit in their
+ * earlier range. */
 static int32_t list_relists(const pliant_system *before, const uint8_t *kept, const place *now, int32_t count, relist *out, int32_t *more)
 {
     int32_t lists = 0;
@@ -224,7 +225,8 @@ static double trace_of_block(const pliant_system *system, int32_t block)
     return sum;
 }
 
-/* (num_blocks) of before, but for the blocks of what is not kept, and those that were not full or are not */
+/* Copy traces (num_blocks) from the earlier system, except for blocks with changed elements, and for the incomplete
+ * last blocks. */
 static bool follow_traces(pliant_system *system, const pliant_system *before, const uint8_t *kept)
 {
     const int32_t tets = system->mesh->num_tets, were = before->mesh->num_tets, same = (tets < were ? tets : were) / LANES;

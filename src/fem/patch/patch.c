@@ -7,9 +7,9 @@
 #include <math.h>
 #include <string.h>
 
-enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of some 300 MB */
+enum { LARGEST_DIRECT = 40000 }; /* free nodes; a factor of about 300 MB */
 
-/* before, kept: Nullable: those of the body before that are the same */
+/* Build the elements. before, kept: Nullable: unchanged elements from before a cut */
 static pliant_status make_elements(const pliant_scene *scene, const pliant_body *body, const pliant_system *before, const uint8_t *kept, pliant_system *system)
 {
     return scene->element.kind == PLIANT_HEXAHEDRA ? pliant_system_hexahedra(system, body->fine_material, before, kept)
@@ -25,7 +25,7 @@ pliant_status pliant_patch_system(const pliant_scene *scene, const pliant_body *
     system->num_threads = num_threads;
     pliant_status status = make_elements(scene, body, NULL, NULL, system);
     if (status == PLIANT_OK) status = pliant_system_unknowns(system, body->fine_fixed);
-    /* nine solves with one matrix: a factor pays for longer than in a solver, which makes it anew */
+    /* The matrix is used for nine solves, so a factor is worthwhile for larger meshes than in a solver. */
     pliant_preconditioner_choice choice = scene->solver.preconditioner;
     if (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free <= LARGEST_DIRECT) choice = PLIANT_DIRECT;
     if (status == PLIANT_OK) status = pliant_preconditioner_create(system, choice, NULL, &system->preconditioner);
@@ -113,7 +113,7 @@ static void room_free(patch_room *room)
     memset(room, 0, sizeof *room);
 }
 
-/* Tools that pulled at it have no hold until they are attached anew, to whatever is there then. */
+/* Drop the basis. Tools that pulled at it have no hold until they are attached again. */
 static void basis_drop(pliant_patch *patch, pliant_data *data)
 {
     for (int t = 0; data && t < data->num_tools; t++)
@@ -157,7 +157,7 @@ void pliant_patch_succeed(pliant_patch *patch, pliant_patch *before)
     patch->before = before;
 }
 
-/* those of bodies before whose threads have ended */
+/* Free the patches of earlier bodies whose threads have finished. */
 static void free_before(pliant_patch *patch)
 {
     for (pliant_patch **at = &patch->before; *at;) {
@@ -179,7 +179,8 @@ static void near_positions(const pliant_basis *basis, const double *fine, double
     for (int32_t v = 0; v < basis->mesh.num_nodes; v++) memcpy(out + 3 * v, fine + 3 * basis->fine_node[v], 3 * sizeof *out);
 }
 
-/* The displacement from the coarse model's base to these positions, as far as the basis has it. room: (3 fine nodes) */
+/* Start the patch at these positions: project their displacement from the coarse model's base onto the basis. `room`:
+ * (3 fine nodes). */
 static void start_at(const pliant_data *data, pliant_basis *basis, double *room, double *x)
 {
     pliant_upsample_positions(data->solver->system, data->solver->now.x, room);
@@ -203,7 +204,7 @@ static void take_over(pliant_patch *patch, pliant_data *data)
     job->solver = NULL;
 }
 
-/* The hold goes on at the coarse model. For want of memory it is tried again, much later. */
+/* Continue the hold at the coarse model. After a memory error, try again 1000 steps later. */
 static void refuse(pliant_patch *patch, const pliant_data *data, int tool)
 {
     const uint64_t later = 1000;
@@ -211,7 +212,7 @@ static void refuse(pliant_patch *patch, const pliant_data *data, int tool)
     patch->refused_until[tool] = patch->job.status == PLIANT_ERROR_MEMORY ? data->statistics.step + later : UINT64_MAX;
 }
 
-/* one that no hold is left of */
+/* Return whether the job has no remaining hold. */
 static bool is_abandoned(const pliant_patch *patch, const pliant_data *data)
 {
     bool held = false;
@@ -239,7 +240,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
     for (int t = 0; t < data->num_tools; t++) {
         if (!job->holds[t].hold) continue;
         if (job->status != PLIANT_OK) {
-            if (!patch->serves[t]) refuse(patch, data, t); /* others keep what they have */
+            if (!patch->serves[t]) refuse(patch, data, t); /* the others keep their present patch */
             continue;
         }
         if (job->copied[t]) {
@@ -299,7 +300,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     bool used = false, wanted = false;
     for (int t = 0; t < data->num_tools; t++) {
         bool held = patch_still_held(data, t, patch->holds[t].hold);
-        if (patch->serves[t] && !held) { /* the others go on in the same basis */
+        if (patch->serves[t] && !held) { /* the others continue in the same basis */
             pliant_solver_release(patch->solver, t);
             patch->serves[t] = false;
         }
@@ -338,7 +339,7 @@ static void move(const pliant_basis *basis, const double *by, double *x)
     for (int32_t i = 0; i < 3 * basis->mesh.num_nodes; i++) x[i] += by[i] - basis->mesh.rest[i];
 }
 
-/* The coarse model moved: the patch moves with it, and its load is what holds the fine elements there. */
+/* Move the patch with the coarse model. Its load is the force that holds the fine elements at the base. */
 static void follow(pliant_patch *patch, const double *base)
 {
     pliant_basis *basis = patch->basis;

@@ -1,6 +1,6 @@
-/* Patches and contact. A tool whose shape presses gets a patch as one that holds does, around where it presses: what
- * stands for its hold is how its force was spread when the patch was asked for. Points whose nodes the patch moves
- * freely are solved in it; all others push the coarse model. */
+/* Patches and contact. A tool that presses with its shape gets a patch around the pressed nodes, like a tool that
+ * holds. Its force distribution at the time of the request replaces a grasp's weights. The patch handles contact points
+ * whose nodes it moves freely. All other points act on the coarse model. */
 #include "base/fail.h"
 #include "contact/detect/find.h"
 #include "fem/patch/patch_job.h"
@@ -45,13 +45,14 @@ static double find_centre(const pliant_data *data, int tool, double centre[3])
 void patch_find_presses(pliant_data *data)
 {
     pliant_patch *patch = data->patch;
-    const double farther = 0.5; /* of the radius: then a patch is wanted elsewhere */
+    const double farther = 0.5; /* fraction of the radius; beyond it, a patch at the new position is requested */
     for (int t = 0; t < data->num_tools; t++) {
         patch_press *press = patch->press + t;
         double centre[3], apart[3];
         const double force = pliant_tool_grips(data->tools + t) ? -1 : find_centre(data, t, centre);
         if (force < 0) memset(press, 0, sizeof *press);
-        if (force == 0 && !patch->job.running && patch->holds[t].hold != press->hold) { /* over before its patch was begun */
+        /* The press has ended before its patch was started. */
+        if (force == 0 && !patch->job.running && patch->holds[t].hold != press->hold) {
             press->hold = patch->holds[t].hold == press->before ? press->before : 0;
             press->before = 0;
         }

@@ -1,4 +1,4 @@
-/* What a patch is made of, in the background: the responses that are missing, and the basis. */
+/* Background computation of a patch: the missing responses, and the basis. */
 #include "base/fail.h"
 #include "base/free_memory.h"
 #include "base/room.h"
@@ -83,7 +83,7 @@ static pliant_status make_block(pliant_patch *patch, pliant_linearized *lineariz
     return pliant_response_modes(linearized, patch->preconditioner, foothold->count, foothold->nodes, foothold->weights, block);
 }
 
-/* of single holds first: those of two are made of them */
+/* Compute the blocks of single holds first, since the pairs depend on them. */
 static pliant_status make_blocks(pliant_patch *patch, pliant_linearized *linearized)
 {
     pliant_status status = PLIANT_OK;
@@ -114,7 +114,7 @@ static pliant_status check_memory(const pliant_patch *patch)
                        bytes / 1e6, available / 1e6);
 }
 
-/* This one's own; of a next body that of the body at load, carried over. */
+/* Create the patch's preconditioner. After a cut, carry over the preconditioner from load time. */
 static pliant_status make_preconditioner(pliant_patch *patch)
 {
     const pliant_discretization *first = at_rest_of(patch->discretization);

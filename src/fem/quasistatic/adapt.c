@@ -1,4 +1,4 @@
-/* From the solver of one body to that of the next. */
+/* Transfers a solver across a cut. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
@@ -21,8 +21,7 @@ static void carry_limits(pliant_solver *solver, const pliant_solver *from)
     solver->clock_user = from->clock_user;
 }
 
-/* What an element was at the preconditioner's state, V mu F0; where its stiffness is another now, its weight
- * changes. */
+/* Scale V mu F0 of an element at the preconditioner's state to its present stiffness. */
 static float weigh_again(float before, double was, double now) { return now == was ? before : was > 0 ? (float)(now / was * before) : 0; }
 
 static void carry_tets_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
@@ -35,7 +34,8 @@ static void carry_tets_before(const pliant_system *system, const pliant_solver *
     }
 }
 
-/* Every hexahedron, or tetrahedron beside a cut, as the element that had its tetrahedra before. Errors: MEMORY. */
+/* Copy the reference of every hexahedron, and of tetrahedra next to a cut, from the element that contained its
+ * tetrahedra before. Errors: MEMORY. */
 static pliant_status carry_macros_before(const pliant_system *system, const pliant_solver *from, const int32_t *tet, pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
@@ -53,8 +53,8 @@ static pliant_status carry_macros_before(const pliant_system *system, const plia
     return status;
 }
 
-/* Beside a cut through coarse elements: every element as the first one that its cube had before, at rest where it had
- * none. Errors: MEMORY. */
+/* Next to a cut through coarse elements, copy the reference of every element from the first earlier element of its
+ * cube, or from rest. Errors: MEMORY. */
 static pliant_status carry_before_by_cell(const pliant_system *system, const pliant_solver *from, pliant_nodal_rotations *axes)
 {
     const pliant_system *before = from->system;
@@ -86,13 +86,13 @@ static int32_t *unknowns_before(const pliant_system *system, const pliant_system
     return source;
 }
 
-/* What the preconditioner's axes are of stays as it was. Errors: MEMORY. */
+/* Carry over the axes and their reference positions. Errors: MEMORY. */
 static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from, const int32_t *node, const int32_t *tet)
 {
     const pliant_system *system = solver->system;
     pliant_nodal_rotations *axes = solver->rotations;
     if (!axes) return PLIANT_OK;
-    if (!from->rotations) { /* it never stepped: those of rest */
+    if (!from->rotations) { /* the earlier solver has run no step: use the rest state */
         pliant_nodal_rotations_refer(system, system->mesh->rest, axes);
         return PLIANT_OK;
     }

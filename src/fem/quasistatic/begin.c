@@ -1,5 +1,5 @@
-/* How a step begins: whether there is anything to do, whether the axes of the nodes turn with the tissue, and what is
- * known of its first state. What follows from that is done by the backend that steps; the rules are these for all. */
+/* Rules for the start of a step, for all backends: whether there is work to do, whether the axes of the nodes rotate
+ * with the tissue, and which quantities of the first state are known. */
 #include "fem/quasistatic/solver.h"
 
 #include <string.h>
@@ -20,7 +20,7 @@ void pliant_solver_forget(pliant_solver *solver)
 bool pliant_solver_rests(const pliant_solver *solver)
 {
     const pliant_asked *asked = &solver->asked;
-    /* around a patch more changes than is looked at here */
+    /* around a patch, more inputs change than these */
     bool same = !solver->system->basis && asked->kept && asked->evaluated && asked->converged && !asked->touched && !pliant_touches_any(solver->touches) &&
                 memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++)
@@ -28,9 +28,9 @@ bool pliant_solver_rests(const pliant_solver *solver)
     return same;
 }
 
-/* Responses to springs hold for the axes that they were found in, and homogenized elements have but a rough notion of
- * these: there the axes wait for the next preconditioner, or turn where the one at hand has served badly and none will
- * come. Secants that hold such responses are forgotten then. */
+/* Decide whether the axes rotate. Responses to springs are valid in the axes in which they were computed, and
+ * homogenized elements have inaccurate rotations. In both cases the axes wait for the next preconditioner. They rotate
+ * only if the present one converges slowly and no new one is due. Secants based on such responses are dropped then. */
 pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use *in_use, uint64_t step)
 {
     const uint64_t interval = (uint64_t)solver->refresh_interval;
@@ -57,15 +57,16 @@ pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_
     asked->kept = false; /* until this step has ended */
     *seen = known && asked->number == in_use->number;
     if (!known) return PLIANT_KNOWN_NOTHING;
-    /* what points of contact change in it is another in every step */
+    /* contact points change it in every step */
     bool same = *seen && !asked->touched && !pliant_touches_any(solver->touches) && memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) same = same && memcmp(asked->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) == 0;
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;
 }
 
-/* Where the first state is found to be the last one, springs pull as that state has it, with l + dl, whatever they
- * pulled with before: at rest in the pull of a spring that is thought to have none, no node has anywhere to go. The
- * step is the same with these forces, what the preconditioner was asked is not. */
+/* If the step ends with its first state, add dl to the springs' forces, as that state requires. For a spring with zero
+ * force at rest, no node needs to move. The step is the same with these forces, but the input of the preconditioner
+ * differs.
+ * @return Whether a force has changed. */
 static bool take_forces(pliant_solver *solver, const pliant_anderson *rules, const double *step_force)
 {
     bool other = false;

@@ -1,13 +1,12 @@
-/* How far a step still is from where it would converge to: the largest error of a node [m].
+/* Error estimate of a step: the largest distance of a node from its converged position [m].
  *
- * The mixed step of Anderson's method is the best guess of the error of an evaluated state. Of what the secants do not
- * explain, every evaluation leaves a part c; corrections of it are a geometric series (Aitken), so that it counts 1 /
- * (1 - c) times (anderson.h).
+ * The mixed step of Anderson's method estimates the error of an evaluated state. Each evaluation leaves the fraction c
+ * of an error that no secant explains. The corrections are a geometric series (Aitken), so the unexplained part counts
+ * 1 / (1 - c) times (anderson.h).
  *
- * The state that a step ends with was most often reached blindly. It is what the next step begins with, under other
- * loads: its elastic forces stay what they are, and so does what the preconditioner makes of them where no load has
- * changed but the tools' targets. So the evaluation is done at the end of a step in place of the beginning of the next
- * one, and the step can tell how good its end is. */
+ * The final state of a step was usually reached blindly. The next step starts there, with other loads. Its elastic
+ * forces stay valid. So does the preconditioned step, if only the tools' targets have changed. The evaluation is
+ * therefore done at the end of a step instead of the start of the next one, and the step can report its final error. */
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/memory.h"

@@ -23,8 +23,8 @@ double pliant_solver_product(const pliant_solver *solver, const double *a, const
     return sum;
 }
 
-/* From loads and tools' forces in residual and elastic forces: the residual, in the nodes' own axes, the load's norm,
- * and how far nodes are from rest. */
+/* Compute the residual in the nodes' axes, the norm of the load, and the largest displacement from rest. On entry,
+ * residual holds loads and tools' forces, and elastic holds elastic forces. */
 static void find_residual(const pliant_solver *solver, pliant_iterate *at)
 {
     const pliant_system *system = solver->system;

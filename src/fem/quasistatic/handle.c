@@ -1,4 +1,4 @@
-/* What tools hold: rows of W, and what the body answers to them. */
+/* Grasps: rows of W, and the body's response to them. */
 #include "base/fail.h"
 #include "base/dense.h"
 #include "base/room.h"
@@ -138,7 +138,7 @@ static pliant_status hold_nodes(const pliant_system *system, int32_t count, cons
     return status;
 }
 
-/* W of nodes that follow others. dense: (num_free x 9) room */
+/* Compute W for fine nodes that follow solved nodes. dense: (num_free x 9) work array. */
 static pliant_status hold_followers(const pliant_solver *solver, int32_t count, const int32_t *nodes, const double *weights, double *dense, pliant_handle *handle)
 {
     const pliant_system *system = solver->system;

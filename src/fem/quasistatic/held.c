@@ -25,8 +25,8 @@ static void fill_matrix(const pliant_solver *solver, pliant_held *held, const do
     for (size_t r = 0; r < points; r++) held->factor[r * rows + r] += rounding * largest;
 }
 
-/* Points that press, and across where friction has room left; what presses against a piece that has come off gives way,
- * and only pushes. */
+/* List the rows of pressing points, and their tangential rows if friction is below its limit. Points on detached pieces
+ * are left out: the pieces give way, and such points only push. */
 static int32_t list_rows(const pliant_touches *touches, int32_t *row)
 {
     const double sticks = 0.999;

@@ -36,7 +36,7 @@ void pliant_nodal_rotations_free(pliant_nodal_rotations *rotations)
     pliant_free(rotations);
 }
 
-/* F of a block of elements. What keeps R = I counts as not turned: I. */
+/* Compute F of a block of elements. Grounded elements have F = I. */
 static inline __attribute__((always_inline)) void deformations(const pliant_system *system, int32_t block, const double *positions, double f[9][LANES])
 {
     double x[12][LANES];
@@ -54,7 +54,7 @@ PLIANT_VECTORIZED static void keep_before(const pliant_system *system, int32_t b
         for (int l = 0; l < LANES; l++) before[m][l] = (float)(system->lame[block][1][l] * f[m][l]);
 }
 
-/* For F = Q F0 the rotation of F F0' is Q, whatever the stretch F0 was. */
+/* Compute F F0' of a block. For F = Q F0 its rotation is Q, for any stretch F0. */
 PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t block, const double *positions, float before[9][LANES],
                                        float product[LANES][9])
 {

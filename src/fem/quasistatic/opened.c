@@ -1,9 +1,9 @@
-/* The first step after a cut. What is carried over from the body before is nearly the inverse of the stiffness but for
- * how easily parts turn about what the cut has left, and Anderson's method, whose secants are of states far apart,
- * takes long to find that out (NUMERICS.md). So the step begins with Newton's: tangent products, by differences of
- * forces, in conjugate gradients (Golub and Van Loan, 11.5). It is gone along arcs, in axes that turn with the tissue
- * (modal warping: Choi and Ko, IEEE TVCG 11:91, 2005): on straight lines, what turns is stretched, and no measure of
- * the residual would take it. Whether it is good, the step's first evaluation tells, as of a blind step. */
+/* The first step after a cut. The carried preconditioner is accurate except for parts that can rotate freely about the
+ * remaining tissue. Anderson's method needs many steps to learn such rotations, since its secants belong to distant
+ * states (NUMERICS.md). The step therefore begins with a Newton step. Conjugate gradients (Golub and Van Loan, 11.5)
+ * use tangent products from differences of forces. The motion follows arcs, in axes that rotate with the tissue (modal
+ * warping: Choi and Ko, IEEE TVCG 11:91, 2005). Along straight lines, rotating parts would be stretched, and the
+ * residual would reject the step. The step's first evaluation judges the Newton step like a blind step. */
 #include "base/fail.h"
 #include "fem/quasistatic/held.h"
 #include "fem/quasistatic/opened_rules.h"
@@ -11,11 +11,11 @@
 
 #include <string.h>
 
-/* in the nodes' own axes, (3 num_free), and the forces of what holds */
+/* The Newton step, (3 num_free) in the nodes' axes, and its constraint forces. */
 typedef struct newton_step {
-    double *way, *along; /* as far as it is found; the direction of now */
+    double *way, *along; /* the step so far; the present direction */
     pliant_held_forces pulls, pulls_along, pulls_next;
-    double energy;       /* of it: residual . way [J] */
+    double energy;       /* residual . way [J] */
     pliant_held held;
 } newton_step;
 
@@ -73,7 +73,7 @@ static void scale_forces(const pliant_held *held, double share, pliant_held_forc
     for (int32_t r = 0; r < held->contact_rows; r++) forces->row[r] *= share;
 }
 
-/* Room, and from what was evaluated the first direction. *goes: it is one. */
+/* Allocate, and compute the first direction from the evaluated state. *goes: the direction is valid. */
 static pliant_status begin(const pliant_solver *solver, newton_step *found, bool *goes)
 {
     const size_t n = pliant_solver_unknowns(solver);
@@ -92,8 +92,8 @@ static pliant_status begin(const pliant_solver *solver, newton_step *found, bool
     return PLIANT_OK;
 }
 
-/* Whether what holds has moved since the last step: the first direction goes with it then, and is to be gone as it
- * is. */
+/* Return whether held nodes have moved since the last step. The first direction then includes their motion, and is
+ * taken with length 1. */
 static bool is_led(const pliant_solver *solver, const newton_step *found)
 {
     const double hardly = PLIANT_OPENED_HARDLY * longest(solver, found->along);
@@ -111,7 +111,7 @@ static bool is_led(const pliant_solver *solver, const newton_step *found)
     return most > hardly;
 }
 
-/* By conjugate gradients from what was evaluated. Returns in *products, at most so many on entry, how many it took. */
+/* Find the step by conjugate gradients from the evaluated state. products: in: maximum number; out: number used. */
 static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_t *products)
 {
     const size_t n = pliant_solver_unknowns(solver);
@@ -199,8 +199,8 @@ static void turned(pliant_solver *solver)
     if (solver->touches) pliant_answers_forget(&solver->touches->answers);
 }
 
-/* What is kept of answers of the preconditioner is anew in axes that have turned. Errors: the state is that before the
- * step, and axes are of it. */
+/* Recompute responses after the axes have rotated. After an error, the state before the step and its axes are
+ * restored. */
 static pliant_status respond_in_axes(pliant_solver *solver)
 {
     if (!solver->rotations) return PLIANT_OK;
@@ -261,7 +261,8 @@ int32_t pliant_solver_open_evaluations(const pliant_solver *solver, const pliant
     return limit->evaluations < allowed ? (limit->evaluations > most ? limit->evaluations : most) : allowed;
 }
 
-/* Points of contact are found anew in every evaluation: where there are any, the state is not one that is known. */
+/* Return whether the cut has released no tissue. With contact, points change in every evaluation, so the state is
+ * unknown. */
 static bool is_settled(const pliant_solver *solver)
 {
     const double tolerance = solver->rules.tolerance * fmax(solver->now.displacement, solver->rules.smallest_displacement);

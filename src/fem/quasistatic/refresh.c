@@ -1,15 +1,13 @@
-/* New factors in the background: started from the state of one step, put to use a fixed number of steps later, whether
- * the other thread was fast or not, so that timing never changes results; or as background.h says.
+/* New factors in the background. A factor is started at the state of one step and installed a fixed number of steps
+ * later. The thread's speed therefore does not change results. background.h defines the other modes.
  *
- * Steps of the history belong to the factor that made them. They are made anew in the background, too: a second stay in
- * the thread, on the secants that the solver has when the factor is there. Where springs pull, secants are given up:
- * what they learned with the factor before holds the new one back (NUMERICS.md). Their responses are found there in
- * live steps, which are not to take longer than others.
+ * Steps in the history belong to the factor that computed them. A second run of the thread recomputes them for the new
+ * factor. With springs, the secants are dropped instead: secants of the old factor slow down convergence with the new
+ * one (NUMERICS.md). In live steps the thread also computes the springs' responses, so that no step takes longer.
  *
- * The factor of a next body is made from the pattern on, in the order of the one before, with copies beside their
- * sources. What is being made for a body when the next one comes is of use all the same: it becomes the base of what is
- * carried over (carried.h). The thread reads what it began with, which is retained; no step waits for it, but one that
- * is stuck. */
+ * After a cut, the new factor is computed including its pattern. The elimination order is the earlier factor's, with
+ * copied nodes next to their sources. A factor still in progress for the earlier body is used as the base of the
+ * carried preconditioner (carried.h). The thread reads retained data. In live use no step waits for the thread. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -31,16 +29,17 @@ struct pliant_refresh {
     atomic_bool finished;
     pliant_account *account;    /* of the simulation that it works for */
     uint64_t started, due;      /* steps */
-    bool wanted;                /* the factor at hand has served badly since the last start */
-    const pliant_discretization *of; /* Nullable: what the system is part of; retained */
+    bool wanted;                /* the present factor has converged slowly since the last start */
+    const pliant_discretization *of; /* Nullable: discretization that contains the system; retained */
     pliant_system system;       /* a copy of the constant system, one thread */
-    int32_t *source;            /* (nodes of the solver's mesh) node of this system's, which is of a body before; NULL: they are the same */
-    int32_t *order;             /* (num_free) Nullable: to eliminate the unknowns in */
-    bool layered;               /* a multigrid is wanted, where the system has no preconditioner to go by */
-    pliant_preconditioner *preconditioner; /* the one being made; made in the thread */
-    pliant_preconditioner *spare; /* Nullable: the one to be made next */
+    /* (nodes of the solver's mesh) node of this system from before a cut; NULL: the nodes are equal. */
+    int32_t *source;
+    int32_t *order;             /* Nullable: (num_free) elimination order */
+    bool layered;               /* true: create a multigrid if the system has no preconditioner */
+    pliant_preconditioner *preconditioner; /* the result of the thread, which also creates it */
+    pliant_preconditioner *spare; /* Nullable: used for the next result */
     pliant_preconditioner *discarded; /* Nullable: freed by the thread */
-    double *x;                  /* (3 num_nodes) that it is made at */
+    double *x;                  /* (3 num_nodes) state of the factor [m] */
     pliant_tangent *tangents;
     pliant_status status;
 
@@ -51,10 +50,10 @@ struct pliant_refresh {
     uint64_t number[PLIANT_MAX_HISTORY]; /* as the rules have it */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
-    pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; those of other tools are empty */
+    pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; empty for other tools */
 };
 
-/* In the thread: what is needed once, of a next body its symbolic analysis. */
+/* Do the initial work in the thread; after a cut it includes the symbolic analysis. */
 static pliant_status make_ready(pliant_refresh *refresh)
 {
     pliant_system *system = &refresh->system;
@@ -114,7 +113,7 @@ static void convert_history(pliant_refresh *refresh)
                 pliant_dot(unknowns, refresh->history[a].step, refresh->history[b].residual);
 }
 
-/* The base's order, and after every unknown those that are copies of it. */
+/* Order the unknowns as in the base, with copies directly after their source. */
 static pliant_status order_after(const pliant_solver *solver, const pliant_preconditioner *base, pliant_refresh *refresh)
 {
     const int32_t *source, count = solver->system->num_free;
@@ -189,7 +188,7 @@ static void join(pliant_refresh *refresh)
     refresh->running = false;
 }
 
-/* What belongs to the factor: the springs' holds; where there are none, the history in the axes of all. */
+/* Copy the data that belongs to the factor: with springs the holds, otherwise the history in world axes. */
 static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_refresh *refresh)
 {
     const int32_t num_free = solver->system->num_free;
@@ -240,7 +239,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     pliant_preconditioner_threads(refresh->preconditioner, solver->system->num_threads);
     solver->preconditioner = refresh->preconditioner;
     refresh->preconditioner = old;
-    if (refresh->spare || pliant_preconditioner_base(old)) { /* what is carried over from a body before takes no other matrix */
+    if (refresh->spare || pliant_preconditioner_base(old)) { /* a carried preconditioner accepts no other matrix */
         refresh->discarded = old;
         refresh->preconditioner = refresh->spare;
         refresh->spare = NULL;
@@ -256,7 +255,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     if (refresh->converting) take_responses(solver);
     bool converted = refresh->converting && !solver->forgotten;
     refresh->converting = false;
-    bool kept = solver->asked.kept; /* a state stays what it is */
+    bool kept = solver->asked.kept; /* the evaluated state stays valid */
     pliant_solver_forget(solver);
     solver->asked.kept = kept;
     if (!converted) return;
@@ -270,7 +269,7 @@ static void put_in(pliant_solver *solver, pliant_statistics *statistics)
     memcpy(solver->rules.number, refresh->number, sizeof refresh->number);
 }
 
-/* Of a body before: the base of what is carried over from there. */
+/* Install a factor from before the cut as the base of the carried preconditioner. */
 static pliant_status put_below(pliant_solver *solver, pliant_statistics *statistics)
 {
     const pliant_system *system = solver->system;

@@ -87,10 +87,10 @@ bool pliant_secants_mix(const pliant_solver *solver, const double along[PLIANT_M
     return pliant_secant_weights(0, 1, &solver->rules, solver->gram, along, estimates, &equations, weights);
 }
 
-/* Numbers that are worked on at once: those of all secants stay in a core's cache. */
+/* Block size: the numbers of all secants in a block fit in a core's cache. */
 enum { PART_NODES = 32, PART = 3 * PART_NODES };
 
-/* a step - sum of weights (x + a step of the secants): of so many numbers from the first on. */
+/* Compute a step - sum of weights (x + a step of the secants) for a block of numbers. */
 PLIANT_VECTORIZED static void combine(const pliant_secant *history, const double *weights, double a, const double *step, size_t first, size_t count, double *out)
 {
     for (size_t i = 0; i < count; i++) out[i] = a * step[first + i];

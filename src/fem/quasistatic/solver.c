@@ -16,9 +16,9 @@ static void swap_iterates(pliant_solver *solver)
 
 /* Time that a step may take, and what its evaluations take. */
 typedef struct step_time {
-    double start, begun; /* the step, its first whole evaluation [s] */
-    int32_t whole;       /* evaluations that were made from the forces on */
-    int32_t solved;      /* and those that the preconditioner was used in */
+    double start, begun; /* start of the step, and of its first complete evaluation [s] */
+    int32_t whole;       /* evaluations that included the forces */
+    int32_t solved;      /* evaluations that applied the preconditioner */
     pliant_even_limit limit;
 } step_time;
 
@@ -32,7 +32,7 @@ int32_t pliant_solver_affordable(const pliant_solver *solver, double start, doub
     return solver->budget > 0 && each > 0 && left < 1e6 * each ? (int32_t)fmax(left / each, 0) : INT32_MAX;
 }
 
-/* how many more evaluations would be done within the budget, or as even steps have them */
+/* Return the number of further evaluations that fit in the budget, or in the limit of even steps. */
 static int32_t affordable(const pliant_solver *solver, const step_time *time, double first_merit)
 {
     if (!(solver->budget > 0)) return pliant_even_remaining(&time->limit, time->solved, first_merit);
@@ -40,8 +40,8 @@ static int32_t affordable(const pliant_solver *solver, const step_time *time, do
     return pliant_solver_affordable(solver, time->start, now, each);
 }
 
-/* how the potential energy changes along the trial's step where it ends; springs and contacts have no part in it: where
- * there are some, 0 */
+/* Return the slope of the potential energy along the trial's step, at its end. Return 0 with springs or contacts, which
+ * are not part of the potential energy. */
 static double slope_of(const pliant_solver *solver)
 {
     if (pliant_touches_any(solver->touches)) return 0;
@@ -50,7 +50,7 @@ static double slope_of(const pliant_solver *solver)
     return pliant_solver_product(solver, solver->now.step, solver->trial.residual);
 }
 
-/* what is fixed stays where it is */
+/* Set the state; fixed nodes keep their positions. */
 static void go_to(const pliant_system *system, pliant_iterate *at, const double *x, const double force[PLIANT_MAX_ROWS])
 {
     for (int32_t f = 0; f < system->num_free; f++) memcpy(at->x + 3 * (size_t)system->node_of_free[f], x + 3 * (size_t)system->node_of_free[f], 3 * sizeof *x);
@@ -58,7 +58,7 @@ static void go_to(const pliant_system *system, pliant_iterate *at, const double 
     else memset(at->force, 0, sizeof at->force);
 }
 
-/* the state is one step on; what it was is kept until the next step has looked */
+/* Take a step without evaluation. The state before it is kept until the next step has judged it. */
 static void take_blind_step(pliant_solver *solver)
 {
     memcpy(solver->previous_x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *solver->previous_x);
@@ -69,7 +69,7 @@ static void take_blind_step(pliant_solver *solver)
     memcpy(solver->now.force, solver->trial.force, sizeof solver->now.force);
 }
 
-/* what comes next, to the trial */
+/* Set the trial to the next state. */
 static void prepare_next(pliant_solver *solver)
 {
     pliant_anderson *rules = &solver->rules;
@@ -111,7 +111,7 @@ static pliant_status iterate(pliant_solver *solver, pliant_known known, step_tim
     return PLIANT_OK;
 }
 
-/* beyond a blind step: from what it began with, as a trial is */
+/* Evaluate the end of a blind step as a trial from its start. */
 static bool evaluate_end(pliant_solver *solver)
 {
     double *x = solver->now.x;
@@ -128,8 +128,8 @@ static bool evaluate_end(pliant_solver *solver)
     return good;
 }
 
-/* The state that the step ends with (estimate.c), and what the step has to say of the one before. Around a patch more
- * changes than its loads: what is found here is of no use to the next step. */
+/* Evaluate the final state of the step (estimate.c), and report the error of the step before. Around a patch, more
+ * inputs than the loads change, so the next step cannot use this evaluation. */
 static void look_at_end(pliant_solver *solver, step_time *time)
 {
     const bool blind = solver->rules.next == PLIANT_NEXT_BLIND, seen = solver->posterior.seen;
@@ -156,7 +156,7 @@ static void turn_on(pliant_solver *solver, uint64_t step)
     pliant_in_use_turned(&solver->in_use);
 }
 
-/* One that rested goes on from another backend's state. */
+/* Allocate the arrays of a solver that takes over from another backend. */
 static pliant_status begin(pliant_solver *solver)
 {
     if (solver->awake) return PLIANT_OK;
@@ -170,7 +170,7 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
     return pliant_even_next(&solver->even, pliant_background_is_live(solver->background));
 }
 
-/* What the first step after a cut may take, which is no more than there is time for. */
+/* Return the evaluation limit of the first step after a cut, within the time budget. */
 static int32_t first_evaluations(const pliant_solver *solver, const step_time *time)
 {
     const pliant_even_limit none = {INT32_MAX, 0};
@@ -195,8 +195,8 @@ static pliant_status iterate_from_newton(pliant_solver *solver, step_time *time,
     return status;
 }
 
-/* of the state that was judged last; in a step that rests that of the step before, since when a patch may have told its
- * own */
+/* Report the residual of the last judged state. A step without work reports the residual of the previous step, since a
+ * patch may have reported its own residual in between. */
 static void tell_residual(const pliant_solver *solver, pliant_statistics *statistics)
 {
     statistics->residual = solver->rules.merit / solver->now.scale;
@@ -220,13 +220,15 @@ pliant_status pliant_solver_step(pliant_solver *solver, pliant_statistics *stati
     if (status == PLIANT_OK) turn_on(solver, statistics->step);
     if (status == PLIANT_OK)
         status = pliant_preconditioner_mend(solver->preconditioner, solver->now.x, solver->rotations && solver->rotations->turned ? solver->rotations->rotation : NULL);
-    if (pliant_preconditioner_base(solver->preconditioner)) solver->asked.number = 0; /* mended, it gives other steps */
+    /* The corrected preconditioner gives other steps. */
+    if (pliant_preconditioner_base(solver->preconditioner)) solver->asked.number = 0;
     if (status == PLIANT_OK) status = pliant_solver_respond(solver);
     if (status == PLIANT_OK) status = pliant_touches_respond(solver);
     if (status != PLIANT_OK) return status;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
         pliant_handle *handle = solver->handles + t;
-        if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force); /* all that it holds is fixed */
+        /* All its nodes are fixed. */
+        if (!handle->by_force && handle->count == 0) memset(handle->force, 0, sizeof handle->force);
         memcpy(solver->now.force + 3 * t, handle->force, 3 * sizeof(double));
     }
     step_time time = {.start = solver->clock(solver->clock_user), .limit = pliant_solver_limit(solver)};

@@ -79,7 +79,7 @@ static void set_delays(const pliant_scene *scene, pliant_solver *solver)
     const pliant_preconditioner *preconditioner = solver->system->preconditioner;
     solver->refresh_delay = scene->solver.refresh_delay;
     solver->convert_delay = 1;
-    if (solver->refresh_delay > 0 || !preconditioner) return; /* of a next body: as of the one before */
+    if (solver->refresh_delay > 0 || !preconditioner) return; /* after a cut: as before it */
     solver->refresh_delay = 1 + steps_for(pliant_preconditioner_operations(preconditioner), scene->solver.step);
     solver->convert_delay += steps_for(solver->rules.room * pliant_preconditioner_apply_operations(preconditioner), scene->solver.step) - 1;
 }

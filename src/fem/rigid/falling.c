@@ -49,7 +49,7 @@ static pliant_status allocate(pliant_falling *falling)
                : pliant_fail_memory("the pieces that have come off");
 }
 
-/* The volume that is drawn is that of the body at rest and a margin around it (warp/margin). */
+/* Set the bounds of the drawn volume: the body at rest plus a margin (warp/margin). */
 static void set_bounds(pliant_falling *falling, const pliant_scene *scene)
 {
     const pliant_mesh *fine = &falling->body->fine;
@@ -63,7 +63,7 @@ static void set_bounds(pliant_falling *falling, const pliant_scene *scene)
     }
 }
 
-/* What has come off a piece that falls goes on with its velocity, at first as a part of the same rigid body. */
+/* Give a new piece the motion of the falling piece from which it was cut, as a part of the same rigid body. */
 static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from, int32_t source)
 {
     const piece *before = from->pieces + source;
@@ -187,7 +187,7 @@ pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body
     if (from) {
         memcpy(falling->grips, from->grips, sizeof falling->grips);
         memcpy(falling->gravity, from->gravity, sizeof falling->gravity);
-        falling->num_grips = 0; /* another hold, as far as pieces are concerned */
+        falling->num_grips = 0; /* for pieces this is a new grasp */
         falling->told = from->told;
     }
     *out = falling;
@@ -229,10 +229,11 @@ static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *
         if (falling->piece_of[falling->place[pieces->joint[2 * j]]] == p) memcpy(falling->joint_at[j], pulls[count++].to, sizeof falling->joint_at[j]);
 }
 
-/* ---- a step of a piece */
+/* ---- A step of one piece. */
 
-/* arms: its nodes from the centre; those that may get to a wall in this step also to near_walls. Returns how many;
- * reach: of the node that is farthest out [m] */
+/* List the nodes' arms from the centre. Nodes that may reach a wall in this step are copied to near_walls.
+ * @param reach  Out: distance of the farthest node [m].
+ * @return Number of nodes in near_walls. */
 static int32_t list_arms(const pliant_falling *falling, int32_t p, const pliant_rigid *body, double way, double *reach)
 {
     const pliant_pieces *pieces = falling->body->pieces;
@@ -284,7 +285,7 @@ static void place_nodes(pliant_falling *falling, int32_t p, const pliant_rigid *
                 fit[3 * r + c] += falling->body->node_mass[pieces->node[first + i]] * (x[3 * i + r] - body->centre[r]) *
                                   (rest[3 * (size_t)pieces->node[first + i] + (size_t)c] - origin[c]);
     pliant_rotation_signed_svd(fit, rotation);
-    for (int pass = 0; pass < 2; pass++) { /* how far it is; then the way */
+    for (int pass = 0; pass < 2; pass++) { /* first measure the distance, then move */
         const double taken = most <= same ? 1 : part;
         for (int32_t i = 0; i < count; i++) {
             const double *at = rest + 3 * (size_t)pieces->node[first + i];
@@ -400,7 +401,7 @@ static void move_all(pliant_falling *falling, pliant_data *data)
     }
 }
 
-/* What a solver keeps of a hold's fixed part: pieces that it is on have moved. */
+/* Update the fixed part of the solver's grasps after their pieces have moved. */
 static void move_origins(const pliant_falling *falling, pliant_data *data)
 {
     for (int g = 0; data->solver && g < falling->num_grips; g++) {

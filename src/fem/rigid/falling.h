@@ -1,17 +1,17 @@
-/* Where pieces are that have come off (pliant_body.pieces).
+/* Motion of detached pieces (pliant_body.pieces).
  *
- * Quasi-static solvers know no inertia: they keep such a piece's nodes fixed, so that no matrix is singular and the
- * rest of the body does not notice, and each piece falls, lands and is pulled as a rigid body of its own (rigid.h) in
- * the shape that it has at rest, into which it springs back: what quasi-static elasticity says of a body on which no
- * force is. What lies on the ground or hangs on a tool keeps that shape. A piece that hangs on one node or two swings
- * there; what it hangs on does not feel it.
+ * Quasi-static solvers have no inertia. They keep the nodes of a detached piece fixed, so that no matrix is singular
+ * and the rest of the body is unaffected. Each piece falls, lands and is pulled as a separate rigid body (rigid.h). Its
+ * shape is the rest shape, to which it springs back: the quasi-static state of a body without forces. A piece that lies
+ * on the ground or is held by a tool keeps that shape. A piece attached at one or two nodes swings there, without any
+ * force on the tissue that it is attached to.
  *
- * What a piece touches (tissue, tools, obstacles) it feels, and is felt by: the solver finds these forces with those of
- * all contacts, and knows of pieces what they weigh (fem/quasistatic/contact_pieces.c). A piece near something goes a
- * step by implicit Euler, by the same answer.
+ * A piece exchanges contact forces with tissue, tools and obstacles. The solver finds these forces together with all
+ * other contacts, and uses the pieces' inertia (fem/quasistatic/contact_pieces.c). A piece near an obstacle takes an
+ * implicit Euler step with the same response.
  *
- * Explicit dynamics moves pieces as it moves everything. In either case, one that has left all that is ever drawn stops
- * there. */
+ * Explicit dynamics moves pieces like all other tissue. With both kinds of solver, a piece that has left the drawn
+ * region stops there. */
 #ifndef PLIANT_FEM_FALLING_FALLING_H
 #define PLIANT_FEM_FALLING_FALLING_H
 
@@ -22,47 +22,52 @@
 extern "C" {
 #endif
 
-/* *out: NULL where nothing has come off. body: borrowed. positions: of its fine nodes. from, map: Nullable, of the body
- * before, whose pieces go on as they move. Errors: MEMORY. */
+/* Create the detached pieces of a body.
+ * @param body       Borrowed.
+ * @param positions  Positions of the body's fine nodes [m].
+ * @param from, map  Nullable: pieces before a cut, whose motion continues.
+ * @param out        NULL if no piece is detached.
+ * Errors: MEMORY. */
 pliant_status pliant_falling_create(const pliant_scene *scene, const pliant_body *body, const double *positions, const pliant_falling *from,
                                     const pliant_body_map *map, pliant_falling **out);
 void pliant_falling_free(pliant_falling *falling); /* Nullable */
 
-/* A step of the scene, or one of the parts that it is taken in (data->share), from data->positions of all else: pieces'
- * nodes in data->positions, what tools feel of them, statistics. true: explicit dynamics must take the state of the
- * host anew. */
+/* Move the pieces by a step of the scene or by one of its parts (data->share). The function reads data->positions of
+ * all other tissue. It writes the pieces' nodes in data->positions, the tools' forces, and statistics. Return true if
+ * explicit dynamics must read the host's state again. */
 bool pliant_falling_step(pliant_data *data);
-/* ---- touched.c, of quasi-static solvers. data->falling is there */
-/* Before contacts are looked for: how pieces go on if nothing touches them. @return how far any node of them goes at
- * most [m] */
+/* ---- Implemented in touched.c, for quasi-static solvers. data->falling is not NULL. */
+/* Predict the motion of the pieces without contact, before collision detection.
+ * @return Maximum motion of a node of the pieces [m]. */
 double pliant_falling_foresee(pliant_data *data);
-/* Where pieces that touch something get to walls (ground), after all other points. Errors: MEMORY. */
+/* Add contact points between touched pieces and walls (ground), after all other points. Errors: MEMORY. */
 pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *contacts);
-/* Whether a point is of any piece. */
+/* Return whether any point belongs to a piece. */
 bool pliant_falling_is_touched(pliant_falling *falling, const pliant_contacts *contacts);
-/* As foreseen; NULL: explicit dynamics moves them. */
+/* Return the predicted motion; NULL: explicit dynamics moves the pieces. */
 const pliant_touch_pieces *pliant_falling_touch_pieces(const pliant_falling *falling);
 
-/* A ball that a piece does not leave in a step: as foreseen, or, with `now`, as fast as it is. @return how far any node
- * of it goes [m]; 0: it rests, or there is no such piece any more */
+/* Compute a ball that contains a piece during a step, for its predicted motion, or with `now` for its present velocity.
+ * @return Maximum motion of its nodes [m]; 0: it rests, or the piece does not exist. */
 double pliant_falling_ball(const pliant_falling *falling, int32_t piece, bool now, double centre[3], double *radius);
-/* Whether it may meet a tool in this step: it is followed, then. */
+/* Record whether the piece may touch a tool in this step. If so, it is included in the contact solve. */
 void pliant_falling_mark(pliant_falling *falling, int32_t piece, bool meets);
-/* Amid a step: their nodes are where it found them. Explicit dynamics moves them itself. */
+/* During a step, restore the pieces' nodes to the start of the step. Explicit dynamics moves them itself. */
 void pliant_falling_stay(const pliant_falling *falling, double *positions);
-/* They are there, and do not move. */
+/* Set the positions of the pieces' nodes, with zero velocity. */
 void pliant_falling_set_positions(pliant_falling *falling, const double *positions);
 
-/* ---- kept.c: what a step of quasi-static solvers begins with. *kept: NULL at first. Errors: MEMORY */
+/* ---- Implemented in kept.c: the state at the start of a step of quasi-static solvers. *kept: NULL at first. Errors:
+ * MEMORY. */
 typedef struct pliant_falling_kept pliant_falling_kept;
 pliant_status pliant_falling_keep(const pliant_falling *falling, pliant_falling_kept **kept);
-void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *falling); /* of the same body */
-/* What a step has moved goes a share of that way instead: places along chords, with the pieces' shapes kept, and motion
- * likewise. */
+void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *falling); /* for the same body */
+/* Reduce a step's motion to a fraction: positions move along chords, with the pieces' shapes preserved, and velocities
+ * are interpolated. */
 void pliant_falling_partway(const pliant_falling_kept *from, double share, pliant_falling *falling);
 void pliant_falling_kept_free(pliant_falling_kept *kept);                           /* Nullable */
 
-/* Nullable falling. Where a node was when its piece came off; NULL: it is of none */
+/* Return the position of a node when its piece detached; NULL: it belongs to no piece. Nullable falling */
 const double *pliant_falling_home(const pliant_falling *falling, int32_t node);
 bool pliant_falling_has(const pliant_falling *falling, int32_t node);
 

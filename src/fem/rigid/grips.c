@@ -94,7 +94,7 @@ static pliant_rigid_pull pull_of(const grip *at, const pliant_tool *tool, const 
     return pull;
 }
 
-/* What the piece hangs on pulls it along. */
+/* Add the joints, at which the attached tissue pulls the piece along. */
 static int add_joints(const pliant_falling *falling, int32_t p, const double *positions, const double centre[3], int count, pliant_rigid_pull *pulls)
 {
     const pliant_pieces *pieces = falling->body->pieces;

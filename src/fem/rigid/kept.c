@@ -1,4 +1,4 @@
-/* What a step begins with, of pieces: a step that is taken anew goes back to it. */
+/* State of the pieces at the start of a step, for rollback. */
 #include "base/fail.h"
 #include "fem/element/rotation.h"
 #include "fem/rigid/pieces.h"

@@ -1,4 +1,4 @@
-/* What is known of pieces that have come off, for those who move them. */
+/* State of the detached pieces, for the files that move them. */
 #ifndef PLIANT_FEM_FALLING_PIECES_H
 #define PLIANT_FEM_FALLING_PIECES_H
 
@@ -9,25 +9,26 @@
 extern "C" {
 #endif
 
-/* of a piece */
+/* State of one piece. */
 typedef struct piece {
     double velocity[3], momentum[3]; /* as in rigid.h */
-    double quiet;                    /* for how long it has hardly moved on a wall [s] */
-    bool rests, gone;                /* until something pulls at it; the latter: where nobody sees it */
+    double quiet;                    /* time for which it has hardly moved on a wall [s] */
+    bool rests, gone;                /* at rest until a force acts; outside of the drawn region */
     bool shaped;                     /* has its shape at rest */
-    bool touched;                    /* is near something in this step */
-    bool meets;                      /* may meet a tool in it */
-    bool walled;                     /* its points on walls are among those of the step */
-    double way;                      /* that its nodes go in this step at most, if nothing touches it [m] */
+    bool touched;                    /* near an obstacle in this step */
+    bool meets;                      /* may touch a tool in this step */
+    bool walled;                     /* its points on walls are contact points of the step */
+    double way;                      /* maximum motion of its nodes in this step without contact [m] */
 } piece;
 
-/* A tool's part in a piece. */
+/* Part of a tool's grasp that holds nodes of a piece. */
 typedef struct grip {
     int tool, piece;
     uint64_t hold;
-    double share;                    /* of the tool's weights */
-    double apart[3];                 /* the piece's held point minus that of the whole hold, when they were first seen together [m] */
-    double last[3];                  /* where it was pulled to in the last step [m] */
+    double share;                    /* fraction of the tool's weights */
+    /* Offset of the piece's held point from the held point of the whole grasp, at the start of the grasp [m]. */
+    double apart[3];
+    double last[3];                  /* target in the last step [m] */
     double point[3];                 /* the piece's held point [m] */
 } grip;
 
@@ -35,43 +36,45 @@ enum { MOST_GRIPS = 8 * PLIANT_MAX_TOOLS };
 
 struct pliant_falling {
     const pliant_body *body;
-    double whole, step;              /* of the scene; of the part of it that is at hand [s] */
+    double whole, step;              /* step of the scene; present part of it [s] */
     pliant_wall walls[PLIANT_MAX_WALLS];
     int num_walls;
     double friction, restitution;
-    double low[3], high[3];          /* what is beyond is not drawn [m] */
+    double low[3], high[3];          /* bounds of the drawn region [m] */
     bool told;
     piece *pieces;                   /* (body->pieces->count) */
-    double *x, *home;                /* (nodes of pieces x 3) now, and when they came off [m] */
-    int32_t *place;                  /* (fine nodes) in the list of nodes of pieces, or -1 */
+    double *x, *home;                /* (nodes of pieces x 3) present positions, and positions when they detached [m] */
+    int32_t *place;                  /* (fine nodes) index in the list of nodes of pieces, or -1 */
     int32_t *piece_of;               /* (nodes of pieces) */
     int32_t *triangle_start, *triangle; /* (pieces + 1), surface triangles of the body, by piece */
     double *node_area;               /* (nodes of the largest piece) buffer [m^2] */
-    double (*joint_at)[3];           /* (joints) where it hung in the last step [m] */
+    double (*joint_at)[3];           /* (joints) attachment positions in the last step [m] */
     double gravity[3];               /* of the last step */
     grip grips[MOST_GRIPS];
     int num_grips;
-    double *arms, *near_walls;       /* (nodes of the largest piece x 3) room */
-    int32_t *of_node;                /* (fine nodes) which piece, or -1 */
+    double *arms, *near_walls;       /* (nodes of the largest piece x 3) work arrays */
+    int32_t *of_node;                /* (fine nodes) piece, or -1 */
     pliant_touch_piece *touch;       /* (body->pieces->count) */
-    pliant_touch_pieces together;  /* these two */
+    pliant_touch_pieces together;  /* view of the two arrays above */
 };
 
 static inline void pliant_falling_set_step(pliant_falling *falling, const pliant_data *data) { falling->step = falling->whole * data->share; }
 
-/* ---- grips.c */
-/* As a rigid body, as the step begins. */
+/* ---- Implemented in grips.c. */
+/* Compute the rigid body of a piece at the start of the step. */
 void pliant_falling_rigid(const pliant_falling *falling, int32_t p, pliant_rigid *out);
-/* Of a piece, up to PLIANT_MAX_TOOLS. @return how many */
+/* List the grips of a piece, up to PLIANT_MAX_TOOLS.
+ * @return Their number. */
 int pliant_falling_grips(pliant_falling *falling, int32_t p, grip **out);
-/* What tools and joints pull it with in this step. @return how many */
+/* List the forces and springs of tools and joints that act on the piece in this step.
+ * @return Their number. */
 int pliant_falling_pulls(const pliant_falling *falling, const pliant_data *data, int32_t p, const double centre[3], int num_grips, grip *const *grips,
                          pliant_rigid_pull pulls[PLIANT_RIGID_PULLS]);
-/* Tools that hold nodes of pieces, with the pieces' held points. */
+/* Find the tools that hold nodes of pieces, with the pieces' held points. */
 void pliant_falling_find_grips(pliant_falling *falling, const pliant_data *data);
 
-/* ---- touched.c */
-/* A step of one that is near something: what pulls at it and what touches it act where the step ends. */
+/* ---- Implemented in touched.c. */
+/* Move a piece with contact by one step. All pulls and contact forces act at the end of the step. */
 void pliant_falling_move_touched(const pliant_falling *falling, const pliant_data *data, int32_t p, pliant_rigid *body, int num_pulls, pliant_rigid_pull *pulls);
 
 #ifdef __cplusplus

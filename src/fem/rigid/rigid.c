@@ -33,7 +33,7 @@ static void multiply(const double a[9], const double b[9], bool transposed, doub
         }
 }
 
-/* by cofactors; 0 where there is none */
+/* Invert a matrix by cofactors. A singular matrix gives 0. */
 static void invert(const double m[9], double out[9])
 {
     const double determinant = pliant_determinant(m);
@@ -86,7 +86,7 @@ static void push(moving *now, const double arm[3], const double impulse[3])
     }
 }
 
-/* what an impulse at a point does to its velocity: I / m - [r] J^-1 [r] */
+/* Compute the velocity change of a point per impulse: I / m - [r] J^-1 [r]. */
 static void answer(const moving *now, const double arm[3], double out[9])
 {
     for (int c = 0; c < 3; c++) {
@@ -112,7 +112,7 @@ static void set_spring(const moving *now, const pliant_rigid_pull *pull, const d
     memset(out->impulse, 0, sizeof out->impulse);
     pliant_substep_gap(stiffness, damper, 0, target, before, at, at, none, none, out->gap);
     answer(now, arm, a);
-    const double rigid = 1e-3 * (a[0] + a[4] + a[8]) / 3; /* where a wall is in the way of what is led, forces stay finite */
+    const double rigid = 1e-3 * (a[0] + a[4] + a[8]) / 3; /* keeps forces finite if a wall blocks a rigid pull */
     out->soft = stiffness > 0 ? fmax(1 / ((stiffness + damper) * step * step), rigid) : rigid;
     for (int d = 0; d < 3; d++) {
         out->gap[d] /= step;
@@ -195,12 +195,13 @@ int pliant_rigid_chosen(const pliant_rigid_choice *choice, int32_t out[DIRECTION
     return count;
 }
 
-/* Of the points that would go through a wall, few. */
+/* Choose a few of the points that would pass through a wall. */
 static int find_contacts(const pliant_rigid *body, const moving *now, const double gravity[3], double step, const pliant_rigid_walls *around,
                          contact *out)
 {
     int count = 0;
-    const double slow = 4 * step * sqrt(dot(gravity, gravity)); /* [m/s] what lies still has such speeds, and does not bounce */
+    /* [m/s] resting bodies have such speeds and must not bounce */
+    const double slow = 4 * step * sqrt(dot(gravity, gravity));
     for (int w = 0; w < around->count; w++) {
         const pliant_wall *wall = around->walls + w;
         pliant_rigid_choice choice;
@@ -286,7 +287,7 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
         body->velocity[d] = now.velocity[d] + 0.5 * step * gravity[d];
         angle[d] = step * now.spin[d];
     }
-    /* without torques the momentum stays to the bit */
+    /* without torques the momentum stays bitwise identical */
     if (num_pulls + num_contacts > 0) apply(inertia, now.spin, body->momentum);
     pliant_rigid_turn(angle, body->rotation, rotation);
     memcpy(body->rotation, rotation, sizeof rotation);
@@ -324,8 +325,8 @@ bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time,
     double parts = fmax(1, ceil(sqrt(dot(spin, spin)) * time / largest));
     if (num_pulls > 0 || around->num_points > 0) parts = fmax(parts, ceil(time / longest - 1e-9));
     const int count = (int)fmin(parts, MOST_SUBSTEPS);
-    /* what hangs does not move: its velocity is that of the middle of sub-steps, in which springs balance all of the
-     * weight */
+    /* A hanging body does not move. Its velocity is the velocity in the middle of sub-steps, where springs balance the
+     * complete weight. */
     const double ahead = num_pulls > 0 ? 0.5 * time / count : 0;
     for (int d = 0; d < 3; d++) body->velocity[d] += ahead * gravity[d];
     for (int s = 0; s < count; s++)

@@ -1,9 +1,9 @@
-/* A rigid body through a step: it flies, is pulled at points, and lies on walls.
+/* A rigid body during a step: free flight, pulls at points, and contact with walls.
  *
- * Velocity Verlet for the centre, exact under gravity; the implicit midpoint rule for the turning, which keeps the
- * angular momentum and, without torques, the energy (Hairer, Lubich and Wanner, Geometric Numerical Integration,
- * VII.5). Springs act at the end of a sub-step: any stiffness is stable. Walls take impulses at the points that would
- * go through them, with Coulomb's friction, by Gauss and Seidel's iteration (Catto, Iterative dynamics with temporal
+ * The centre moves by velocity Verlet, which is exact under gravity. The rotation uses the implicit midpoint rule,
+ * which conserves the angular momentum and, without torques, the energy (Hairer, Lubich and Wanner, Geometric Numerical
+ * Integration, VII.5). Springs act at the end of a sub-step, which is stable for any stiffness. Walls apply impulses at
+ * penetrating points, with Coulomb friction, by Gauss-Seidel iteration (Catto, Iterative dynamics with temporal
  * coherence, 2005). */
 #ifndef PLIANT_FEM_FALLING_RIGID_H
 #define PLIANT_FEM_FALLING_RIGID_H
@@ -14,23 +14,23 @@
 extern "C" {
 #endif
 
-enum { PLIANT_RIGID_PULLS = 2 * PLIANT_MAX_TOOLS }; /* at most at one body: tools, and what it hangs on */
+enum { PLIANT_RIGID_PULLS = 2 * PLIANT_MAX_TOOLS }; /* maximum per body: tools and joints */
 
 typedef struct pliant_rigid {
     double mass, inertia[9];  /* about the centre, at the start of the step [kg, kg m^2] */
     double centre[3];         /* [m] */
-    double rotation[9];       /* since the start of the step */
+    double rotation[9];       /* relative to the start of the step */
     double velocity[3], momentum[3]; /* of the centre [m/s]; angular, about it [kg m^2/s] */
 } pliant_rigid;
 
-/* What pulls at a point of it. */
+/* A force or spring that acts at a point of the body. */
 typedef struct pliant_rigid_pull {
     double arm[3];            /* from the centre to the point, at the start of the step [m] */
-    bool given;               /* a force, no spring */
-    double force[3];          /* that [N] */
+    bool given;               /* true: a given force; false: a spring */
+    double force[3];          /* given force [N] */
     double compliance;        /* of the spring [m/N]; 0: rigid */
-    double damping;           /* beside it [N s/m] */
-    double from[3], to[3];    /* where it pulls to when the step begins and ends [m] */
+    double damping;           /* parallel to the spring [N s/m] */
+    double from[3], to[3];    /* targets of the spring at the start and end of the step [m] */
     double impulse[3];        /* out: on the body, over the step [N s] */
 } pliant_rigid_pull;
 
@@ -38,30 +38,31 @@ typedef struct pliant_rigid_walls {
     const pliant_wall *walls;
     int count;
     double friction, restitution;
-    int32_t num_points;       /* of the body that may get to a wall in this step */
+    int32_t num_points;       /* points of the body that may reach a wall in this step */
     const double *arm;        /* (num_points x 3) as above */
 } pliant_rigid_walls;
 
-/* true: it has touched a wall */
+/* Move the body by one step. Return true if it has touched a wall. */
 bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls, pliant_rigid_pull *pulls,
                        const pliant_rigid_walls *around);
-/* out = exp(angle) m, by Rodrigues' formula [rad] */
+/* Compute out = exp(angle) m, by Rodrigues' formula [rad]. */
 void pliant_rigid_turn(const double angle[3], const double m[9], double out[9]);
 
 enum { PLIANT_RIGID_DIRECTIONS = 8 };
-/* Of points before a wall those that carry a body as well as all do: the one that is nearest to it or deepest in it,
- * and those farthest out along it. */
+/* Choice of contact points in front of a wall: the deepest or nearest point, and the extreme points along the wall.
+ * These few points support a body as well as all points. */
 typedef struct pliant_rigid_choice {
     double side[3], up[3], most[PLIANT_RIGID_DIRECTIONS + 1];
     int32_t chosen[PLIANT_RIGID_DIRECTIONS + 1]; /* -1: none */
 } pliant_rigid_choice;
 void pliant_rigid_choose(const double normal[3], pliant_rigid_choice *choice);
-/* One more, this far out from the body's centre and before the wall. */
+/* Add a candidate with this arm from the body's centre and this distance to the wall. */
 void pliant_rigid_offer(pliant_rigid_choice *choice, int32_t point, const double arm[3], double gap);
-/* Each once. @return how many */
+/* List the chosen points, each once.
+ * @return Their number. */
 int pliant_rigid_chosen(const pliant_rigid_choice *choice, int32_t out[PLIANT_RIGID_DIRECTIONS + 1]);
 
-/* inverse (inertia at the start of the step) times the angular momentum [rad/s] */
+/* Compute the angular velocity: inverse of the present inertia times the angular momentum [rad/s]. */
 void pliant_rigid_spin(const pliant_rigid *body, double out[3]);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Pieces that touch something: how they would go on, and how they do. */
+/* Pieces in contact: prediction of their free motion, and their step. */
 #include "fem/rigid/pieces.h"
 
 #include "contact/detect/find.h"
@@ -27,8 +27,8 @@ static void add_load(const double arm[3], const double force[3], double load[6])
     }
 }
 
-/* of a pull as a spring, and what it pulls with before the body moves; a rigid one is a thousand times as stiff as what
- * it holds is inert */
+/* Return the stiffness of a pull as a spring, and its force before the body moves. A rigid pull is a spring with a
+ * thousand times the stiffness that corresponds to the body's mass. */
 static double stiffness_of(const pliant_rigid_pull *pull, const pliant_rigid *body, double step, double force[3])
 {
     const double spring = pull->compliance > 0 ? 1 / pull->compliance : 1e3 * body->mass / (step * step), damper = pull->compliance > 0 ? pull->damping / step : 0;
@@ -126,7 +126,7 @@ double pliant_falling_foresee(pliant_data *data)
         pliant_falling_rigid(falling, p, &body);
         at->walled = at->meets = false;
         const int num_grips = pliant_falling_grips(falling, p, grips);
-        if (!(body.mass > 0) || (at->gone && num_grips == 0)) { /* as what is fixed */
+        if (!(body.mass > 0) || (at->gone && num_grips == 0)) { /* treated as fixed */
             *touch = (pliant_touch_piece){.young = touch->young, .size = touch->size};
             at->way = 0;
             continue;
@@ -163,7 +163,8 @@ static int compare_nodes(const void *a, const void *b)
 
 static double gap_of(const pliant_wall *wall, const double x[3]) { return wall->normal[0] * x[0] + wall->normal[1] * x[1] + wall->normal[2] * x[2] - wall->offset; }
 
-/* How far points push or drag what they touch in the step [m]. A rigid body that is pushed at one end turns, too. */
+/* Return the maximum distance by which contact points push or drag a body in the step [m]. A rigid body pushed at one
+ * end also rotates, which the factor covers. */
 static double farthest_push(const pliant_data *data, const pliant_contacts *contacts)
 {
     const double turns = 2;
@@ -181,7 +182,7 @@ static double farthest_push(const pliant_data *data, const pliant_contacts *cont
     return turns * farthest;
 }
 
-/* of a piece and a wall, ascending; pushed: how far it may be, beside its own way */
+/* List the nodes of a piece that may touch a wall, ascending. pushed: possible motion in addition to its own. */
 static int choose_nodes(const pliant_falling *falling, int32_t p, const pliant_wall *wall, double pushed, int32_t out[PLIANT_RIGID_DIRECTIONS + 1])
 {
     const double margin = 1e-3; /* [m] */
@@ -302,7 +303,7 @@ static void contact_load(const pliant_falling *falling, const pliant_contacts *c
         }
 }
 
-/* how far it goes: of its centre, and an angle about that */
+/* Compute the motion of a piece: of its centre, and its rotation about the centre. */
 static void moved_by(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, double moved[6])
 {
     const pliant_touch_piece *touch = falling->touch + p;
