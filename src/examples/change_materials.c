@@ -1,9 +1,10 @@
-/* What if organs were three times as stiff? Change the table and build the model again.    change_materials */
+/* What happens if organs are three times as stiff? Change the material table and build the model again.
+ * change_materials */
 #include "example.h"
 
 #include <string.h>
 
-/* The force [N] at which a point near the liver is 1 cm away from its rest. */
+/* Compute the force [N] that moves a point near the liver by 1 cm. */
 static pliant_status pull(example *all, double *force)
 {
     const double point[3] = {-0.09, -0.04, 0.05}, tip[3] = {-0.09, -0.05, 0.05};
@@ -30,7 +31,7 @@ int main(void)
     if (status >= 0)
         status = pliant_model_build(pliant_model_get_scene(all.model), &all.scan, &all.labels, &all.materials, (pliant_progress){0}, &stiffer);
     if (status >= 0) {
-        pliant_data_free(all.data); /* of the old model: it goes first */
+        pliant_data_free(all.data); /* the data refer to the old model, so they are freed first */
         pliant_model_free(all.model);
         all.model = stiffer;
         all.data = NULL;

@@ -1,10 +1,11 @@
-/* How do I cut? Once at a stroke, from a script; and by a knife that is felt.    cut_a_plane */
+/* How do I cut? Instantly from a script, and with a simulated knife that receives forces.    cut_a_plane */
 #include "example.h"
 
-/* A knife with an edge of 4 cm goes backwards through the liver, 1 mm a step. The largest force on it [N], and what it has cut. */
+/* Move a knife with an edge of 4 cm backwards through the liver, 1 mm per step. Return the maximum force on it [N] and
+ * its state with the cut area. */
 static pliant_status stroke(example *all, double *force, pliant_tool_state *state)
 {
-    const double from[3] = {-0.02, 0, 0}, to[3] = {0.02, 0, 0}; /* of its edge, in its own axes */
+    const double from[3] = {-0.02, 0, 0}, to[3] = {0.02, 0, 0}; /* ends of its edge, in its own axes */
     int tool;
     pliant_status status = pliant_tool_add(all->model, all->data, "knife", &tool);
     if (status >= 0) status = pliant_tool_set_blade(all->data, tool, from, to);
@@ -27,14 +28,15 @@ int main(void)
     pliant_tool_state knife = {.severed_area = 0};
     double force = 0;
     pliant_scene_defaults(&scene);
-    pliant_status status = pliant_scene_set(&scene, "cut/kind", "sever"); /* else nothing is cut, and nothing is kept for it */
+    pliant_status status = pliant_scene_set(&scene, "cut/kind", "sever"); /* without this option nothing can be cut */
     if (status < 0) return 1;
     status = example_begin(&scene, &all);
-    /* a line of points of the tissue as it lies now, and how deep below it the cut goes [m] */
+    /* a line of points on the deformed tissue, and the vector from the line to the bottom of the cut [m] */
     const double line[6] = {0.06, -0.2, -0.2, 0.06, -0.2, 0.2}, depth[3] = {0, 0.4, 0};
     if (status >= 0) status = pliant_data_cut(all.model, all.data, 2, line, depth, &report);
     if (status >= 0) printf("a plane: %.1f cm^2, %d pieces\n", 1e4 * report.area, (int)report.pieces);
-    if (status >= 0) status = pliant_data_undo_cut(all.model, all.data); /* the body before it, bit for bit */
+    /* restores the previous body, bitwise identical */
+    if (status >= 0) status = pliant_data_undo_cut(all.model, all.data);
     if (status >= 0) status = stroke(&all, &force, &knife);
     if (status >= 0) printf("a knife: %.1f cm^2, felt as up to %.1f N\n", 1e4 * knife.severed_area, force);
     return example_end(&all, status);

@@ -1,10 +1,12 @@
-/* How many iterations a step are enough? The error of a pull after 10 steps against one solved tightly.    error_against_time */
+/* How many iterations per step are enough? Compare the result of a pull after 10 steps with a tightly converged one.
+ * error_against_time */
 #include "example.h"
 
 #include <math.h>
 #include <string.h>
 
-/* @param out (nodes x 3); @param seconds of a step, mean */
+/* @param out (nodes x 3) final positions
+ * @param seconds mean time per step */
 static pliant_status pull(example *all, int iterations, double tolerance, double *out, int32_t nodes, double *seconds)
 {
     const double point[3] = {0.05, -0.09, 0.06};

@@ -1,4 +1,5 @@
-/* What the other examples begin and end with: the phantom, a model of it, a simulation. pull_a_point.c shows it line by line. */
+/* Common beginning and end of the other examples: the phantom, its model, and a simulation. pull_a_point.c shows these
+ * steps in full. */
 #ifndef PLIANT_EXAMPLE_H
 #define PLIANT_EXAMPLE_H
 
@@ -14,7 +15,7 @@ typedef struct example {
     pliant_data *data;
 } example;
 
-/* NULL: the scene's defaults */
+/* wanted: NULL: the default scene */
 static inline pliant_status example_begin(const pliant_scene *wanted, example *out)
 {
     pliant_scene scene;
@@ -26,7 +27,7 @@ static inline pliant_status example_begin(const pliant_scene *wanted, example *o
     return status < 0 ? status : pliant_data_create(out->model, &out->data);
 }
 
-/* A tool that holds a point of the tissue at rest. */
+/* Add a tool that grasps the tissue at a rest point. */
 static inline pliant_status example_hold(example *of, pliant_data *data, const double point[3], int *tool)
 {
     pliant_status status = pliant_tool_add(of->model, data, "forceps", tool);
@@ -34,7 +35,7 @@ static inline pliant_status example_hold(example *of, pliant_data *data, const d
     return status < 0 ? status : pliant_tool_grasp(of->model, data, *tool, point);
 }
 
-/* Says what went wrong; the exit code of the program. */
+/* Print the error, free everything, and return the exit code of the program. */
 static inline int example_end(example *of, pliant_status status)
 {
     if (status < 0) fprintf(stderr, "%s\n", pliant_last_error());

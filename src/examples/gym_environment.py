@@ -13,7 +13,7 @@ import pliant
 try:
     import gymnasium
     Base, Box = gymnasium.Env, gymnasium.spaces.Box
-except ImportError:  # the environment is one without it, too: reset and step are all that an agent calls
+except ImportError:  # without gymnasium, the class still has reset and step
     Base, Box = object, None
 
 GRASP = np.array([-0.06, -0.07, 0.1])  # front of the phantom's liver, LPS [m]
@@ -25,7 +25,7 @@ class Retraction(Base):
     render_mode = "rgb_array"
 
     def __init__(self, scene=None, scan="phantom:80x58x60", options=None, model=None, most_steps=100):
-        self.model = model or pliant.Model(scene, scan, options)  # environments may share one
+        self.model = model or pliant.Model(scene, scan, options)  # several environments may share one model
         self.sim, self.most_steps = pliant.Sim(model=self.model), most_steps
         self.tool = self.sim.tool("forceps")
         if Box:
@@ -78,7 +78,7 @@ if __name__ == "__main__":
     for episode in range(int(sys.argv[1]) if len(sys.argv) > 1 else 2):
         seen, _ = world.reset(seed=episode)
         total, done = 0.0, False
-        while not done:  # straight to the goal: what a policy has to beat
+        while not done:  # a straight path to the goal as a baseline for a policy
             seen, reward, reached, late, told = world.step((seen[3:6] - seen[0:3]) / STEP)
             total, done = total + reward, reached or late
         print("episode %d: %s after %d steps, %.1f mm from the goal, %.2f N, reward %.2f" % (

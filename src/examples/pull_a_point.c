@@ -1,4 +1,4 @@
-/* How do I load a scan, take hold of a point and pull it?    pull_a_point SCAN X Y Z    (of the point, LPS [m]) */
+/* How do I load a scan, grasp a point and pull it?    pull_a_point SCAN X Y Z    (position of the point, LPS [m]) */
 #include "pliant/pliant.h"
 
 #include <stdio.h>
@@ -6,11 +6,12 @@
 
 int main(int argc, char **argv)
 {
-    const char *path = argc > 1 ? argv[1] : "phantom:80x58x60"; /* computed; or a DICOM folder, .nii.gz, .nrrd, .mha */
+    /* the built-in phantom, a DICOM folder, or a .nii.gz, .nrrd or .mha file */
+    const char *path = argc > 1 ? argv[1] : "phantom:80x58x60";
     double point[3] = {0.05, -0.09, 0.06};
     for (int d = 0; d < 3 && argc > 4; d++) point[d] = atof(argv[2 + d]);
 
-    pliant_scene scene; /* what to build and how to solve: options of README.md, all at their defaults here */
+    pliant_scene scene; /* options of the model and the solver (see README.md), here the defaults */
     pliant_volume scan = {0};
     pliant_labels labels = {0};
     pliant_material_table materials = {0};
@@ -24,7 +25,7 @@ int main(int argc, char **argv)
     if (status >= 0) status = pliant_tool_add(model, data, "forceps", &tool);
     if (status >= 0) status = pliant_tool_set_pose(data, tool, point, NULL);
     if (status >= 0) status = pliant_tool_grasp(model, data, tool, point);
-    for (int step = 1; step <= 10 && status >= 0; step++) { /* 1 cm to the front, a millimetre a step */
+    for (int step = 1; step <= 10 && status >= 0; step++) { /* pull forward by 1 cm, 1 mm per step */
         double tip[3] = {point[0], point[1] - 0.001 * step, point[2]};
         status = pliant_tool_set_pose(data, tool, tip, NULL);
         if (status >= 0) status = pliant_step(model, data);

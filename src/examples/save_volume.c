@@ -1,4 +1,4 @@
-/* How do I get the deformed scan as a file?    save_volume OUT.nii.gz */
+/* How do I save the deformed scan as a file?    save_volume OUT.nii.gz */
 #include "example.h"
 
 int main(int argc, char **argv)
@@ -9,11 +9,12 @@ int main(int argc, char **argv)
     int tool;
     pliant_status status = example_begin(NULL, &all);
     if (status >= 0) {
-        /* the scan's own grid, grown by 3 cm of room on every side */
+        /* the scan's grid, extended by 3 cm on every side */
         pliant_geometry target;
         const pliant_mesh *mesh = &pliant_model_get_body(all.model)->fine;
         status = pliant_warp_target(&all.scan.geometry, mesh->rest, mesh->num_nodes, 0.03, SIZE_MAX, &target);
-        if (status >= 0) status = pliant_data_set_warp(all.model, all.data, &target); /* from now on every step deforms the volume */
+        /* each following step deforms the volume */
+        if (status >= 0) status = pliant_data_set_warp(all.model, all.data, &target);
     }
     if (status >= 0) status = example_hold(&all, all.data, point, &tool);
     if (status >= 0) status = pliant_tool_set_pose(all.data, tool, tip, NULL);

@@ -34,17 +34,17 @@ def look(name, sim):
     f = 350.0  # [pixels]
     camera = pliant.look_at(POINT + [0, -0.4, 0.1], POINT)
     save(name, sim.render([[f, 0, 159.5], [0, f, 119.5], [0, 0, 1]], camera, size=(320, 240), shown=["organ", "bone"]).rgb)
-    values = sim.volume().intensities  # k, j, i: slices from the feet upwards
+    values = sim.volume().intensities  # order k, j, i: slices from the feet upwards
     save(name + "_slice", (np.clip((values[-len(values) // 5] + 200) / 500, 0, 1) * 255).astype(np.uint8))
 
 
-# 1. A model is made once: scan, materials, elements. What moves is a simulation of it.
+# 1. Build a model once: scan, materials, elements. A simulation of the model contains everything that changes.
 model = pliant.Model(scan=scan, options={"cut/kind": "sever", "mesh/coarse_cells": [8, 6, 6]})
 sim = pliant.Sim(model=model)
 print("%d nodes, %d tetrahedra of %s" % (len(sim.nodes), len(sim.tets), ", ".join(model.materials)))
 look("rest", sim)
 
-# 2. Take hold and pull. Every step solves for all nodes; the tool feels a force, and the step knows its own error.
+# 2. Grasp and pull. Every step solves for all nodes, and computes the force on the tool and an error estimate.
 forceps = sim.tool("forceps")
 forceps.grasp(POINT)
 for step in range(20):
@@ -56,7 +56,7 @@ look("pulled", sim)
 film = sim.radiograph([0, 0, 0], size=(160, 160), pixel=0.004)
 save("radiograph", (255 * film / film.max()).astype(np.uint8))
 
-# 3. Remember this moment, cut, and go back: the same steps give the same bits each time.
+# 3. Save the state, cut, and restore the state. The same steps give bitwise identical results each time.
 moment = sim.save()
 cut = sim.cut([POINT + [0.01, -0.06, -0.04], POINT + [0.01, -0.06, 0.04]], [0, 0.1, 0])
 for step in range(20):
@@ -66,7 +66,7 @@ look("cut", sim)
 sim.restore(moment)
 print("back again: revision %d, the nodes as they were: %s" % (sim.revision, np.array_equal(sim.nodes, moment.nodes)))
 
-# 4. Many at once share the model; Python goes on while they step.
+# 4. Several simulations share the model. Python threads run in parallel during their steps.
 def pull(direction, out):
     own = pliant.Sim(model=model)
     tool = own.tool("forceps")

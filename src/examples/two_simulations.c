@@ -1,4 +1,5 @@
-/* Can two simulations share one model? Yes, on two threads: the model is constant, each simulation has its data.    two_simulations */
+/* Can two simulations share one model? Yes, also on two threads: the model is constant, and each simulation has its own
+ * data.    two_simulations */
 #include "example.h"
 
 #include <pthread.h>
@@ -6,7 +7,7 @@
 typedef struct pull {
     example *all;
     pliant_data *data;
-    double distance, moved; /* [m] */
+    double distance, moved; /* in metres */
     pliant_status status;
 } pull;
 

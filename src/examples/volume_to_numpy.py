@@ -17,7 +17,8 @@ def receive(message):
     if known.get("scan") != message.scan_id or known["values"].shape != tuple(message.full_size[::-1]):
         known.update(scan=message.scan_id, values=np.zeros(message.full_size[::-1], TYPES[message.encoding]))
     (i, j, k), (ni, nj, nk) = message.offset, message.size
-    box = np.frombuffer(message.data, TYPES[message.encoding]).reshape(nk, nj, ni)  # k, j, i: i is fastest
+    # order k, j, i; i is the fastest index
+    box = np.frombuffer(message.data, TYPES[message.encoding]).reshape(nk, nj, ni)
     known["values"][k:k + nk, j:j + nj, i:i + ni] = box
     middle = known["values"][message.full_size[2] // 2] * message.slope + message.intercept
     grey = np.clip((middle + 200) / 500 * 255, 0, 255).astype(np.uint8)  # Hounsfield units from -200 to 300

@@ -1,4 +1,4 @@
-// A legend over the 3-D view: a bar of colours with the values beside it.
+// A legend over the 3-D view: a colour bar with values next to it.
 #ifndef PLIANT_RVIZ_COLOUR_BAR_H
 #define PLIANT_RVIZ_COLOUR_BAR_H
 
@@ -25,7 +25,7 @@ public:
     ColourBar(const ColourBar &) = delete;
     ColourBar &operator=(const ColourBar &) = delete;
 
-    // colour(t) for t from 0 (low) to 1 (high)
+    // colour: maps t from 0 (low) to 1 (high) to a colour
     void set(const QString &title, double low, double high, const std::function<QColor(double)> &colour);
     void set_visible(bool visible);
 

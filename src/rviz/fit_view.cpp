@@ -14,7 +14,7 @@
 
 namespace pliant_rviz {
 
-// part of the view that is filled
+// fraction of the view to fill
 static const double FILLED = 0.9;
 
 double distance_for(const Ogre::Camera &camera, const std::vector<Ogre::Vector3> &points, const Ogre::Vector3 &middle)
@@ -30,7 +30,7 @@ double distance_for(const Ogre::Camera &camera, const std::vector<Ogre::Vector3>
     return distance;
 }
 
-// Pixels a metre at which an orthographic camera sees them.
+// Return the scale, in pixels per metre, at which an orthographic camera shows all points.
 static double scale_for(const Ogre::Camera &camera, const std::vector<Ogre::Vector3> &points, const Ogre::Vector3 &middle)
 {
     double aside = 1e-6, up = 1e-6;
@@ -42,7 +42,7 @@ static double scale_for(const Ogre::Camera &camera, const std::vector<Ogre::Vect
     return 0.5 * FILLED * std::min(port->getActualWidth() / aside, port->getActualHeight() / up);
 }
 
-// From the fixed frame to the one that a view's numbers are in.
+// Transform a point from the fixed frame to the frame of the view's properties.
 static Ogre::Vector3 in_target_frame(rviz::DisplayContext *context, rviz::ViewController *view, const Ogre::Vector3 &point)
 {
     const QString frame = view->subProp("Target Frame")->getValue().toString();

@@ -17,7 +17,7 @@
 
 namespace pliant_rviz {
 
-// always there, whatever rviz calls its own
+// this group always exists in Ogre
 const char *const RESOURCE_GROUP = "General";
 
 std::string unique_name(const std::string &stem)

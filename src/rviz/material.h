@@ -1,4 +1,4 @@
-// Ogre materials with the display's own shaders. Works with Ogre 1.9 and 1.12.
+// Create Ogre materials with the displays' own shaders. Works with Ogre 1.9 and 1.12.
 #ifndef PLIANT_RVIZ_MATERIAL_H
 #define PLIANT_RVIZ_MATERIAL_H
 
@@ -9,26 +9,28 @@
 
 namespace pliant_rviz {
 
-// A name that no other resource has.
+// Return a unique resource name.
 std::string unique_name(const std::string &stem);
 
-// A material of one pass with these GLSL programs. Mouse picks of rviz go through it: what it draws hides no interactive marker.
-// @param in_depth_image  the "Depth" scheme, by which tools find 3-D points, sees it as an opaque object
+// Create a material of one pass with these GLSL programs. rviz's mouse picking ignores it, so it hides no interactive
+// marker.
+// @param in_depth_image whether the "Depth" scheme, by which tools find 3-D points, renders it as an opaque object
 Ogre::MaterialPtr make_material(const std::string &name, const char *vertex_shader, const char *fragment_shader, bool in_depth_image);
 Ogre::Pass *pass_of(const Ogre::MaterialPtr &material);
 
 void remove_material(const Ogre::MaterialPtr &material);
 
-// A 3-D texture. Tables are 3-D too: samplers of another type beside a sampler3D make the GLSL linker complain.
+// Create a 3-D texture. Tables are 3-D textures too, because the GLSL linker rejects other sampler types together with
+// a sampler3D.
 Ogre::TexturePtr make_texture(const std::string &name, uint32_t width, uint32_t height, uint32_t depth, Ogre::PixelFormat format);
 void remove_texture(const Ogre::TexturePtr &texture);
-// Its values go on beyond its edges.
+// Bind a texture; coordinates are clamped to its edges.
 void bind_texture(Ogre::Pass *pass, const Ogre::TexturePtr &texture, const char *sampler, bool interpolated);
 
-// Ogre's resource group of all of these: one that is always there.
+// Ogre resource group of all these resources, which always exists.
 extern const char *const RESOURCE_GROUP;
 
-// Longest edge of a 3-D texture here [texels]; needs a current GL context.
+// Return the maximum edge of a 3-D texture [texels]; needs a current GL context.
 uint32_t longest_texture_edge();
 
 } // namespace pliant_rviz

@@ -119,7 +119,7 @@ int MaterialTool::processMouseEvent(rviz::ViewportMouseEvent &event)
         if (!picker_.asks()) picker_.ask(context_, ray_of(event), topic("pick"), threshold_->getFloat());
         return Render;
     }
-    /* what only moves is not the view's: it would write over what was told */
+    /* pass only rotation and zoom to the view: with other events it would overwrite the status text */
     const bool turns = event.alt() || event.middle() || event.right() || event.middleUp() || event.rightUp() || event.wheel_delta != 0;
     if (turns && context_->getViewManager()->getCurrent()) context_->getViewManager()->getCurrent()->handleMouseEvent(event);
     return 0;
@@ -161,7 +161,7 @@ void MaterialTool::change_material()
     Table next(materials_);
     pliant_material *material = next.find(chosen_);
     if (showing_ || !material) return;
-    /* that alone: properties are floats */
+    /* only the edited property: properties have single precision */
     if (sender() == young_modulus_) material->young_modulus = young_modulus_->getFloat();
     if (sender() == poisson_ratio_) material->poisson_ratio = poisson_ratio_->getFloat();
     if (sender() == density_) material->density = density_->getFloat();
@@ -186,7 +186,7 @@ void MaterialTool::update(float, float)
     change_.reset();
     if (!change->reached) setStatus(QString::fromStdString("There is no answer from the service " + change->name + "."));
     else setStatus(QString::fromStdString(change->service.response.message));
-    if (!change->reached || !change->service.response.success) show_material(); /* as it is */
+    if (!change->reached || !change->service.response.success) show_material(); /* show the unchanged material */
 }
 
 } // namespace pliant_rviz

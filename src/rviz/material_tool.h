@@ -1,4 +1,5 @@
-// rviz tool: which material is seen where the mouse clicks, and what it is like; what is changed here is changed in the simulation.
+// rviz tool that shows the material under the mouse and its properties. Edited properties are changed in the
+// simulation.
 #ifndef PLIANT_RVIZ_MATERIAL_TOOL_H
 #define PLIANT_RVIZ_MATERIAL_TOOL_H
 
@@ -39,7 +40,7 @@ private Q_SLOTS:
     void change_material();
 
 private:
-    struct Change; // what the node was asked for, in a thread of its own
+    struct Change; // a request to the node, sent in a separate thread
 
     std::string topic(const std::string &name) const;
     void receive_session(const pliant::Session::ConstPtr &message);
@@ -49,7 +50,7 @@ private:
     Picker picker_;
     std::shared_ptr<Change> change_;
     ros::Subscriber session_;
-    std::string materials_, chosen_; // table of now (YAML), name
+    std::string materials_, chosen_; // current table (YAML), and name of the selected material
     bool active_ = false, showing_ = false;
 
     rviz::StringProperty *namespace_, *material_;

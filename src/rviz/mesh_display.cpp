@@ -38,9 +38,9 @@ enum Mode { SURFACE, WIREFRAME, CUT_AWAY };
 enum ColourBy { BY_SCALAR, BY_MATERIAL, BY_ONE_COLOUR, BY_DISPLACEMENT };
 
 static const char *const DISPLACEMENT = "displacement";
-// from the answer to a state with the scalar that was asked for [s]
+// time after the answer within which a state with the requested scalar must arrive [s]
 static const double PATIENCE = 1;
-// names of the scene's option
+// names of the scene option's values
 static const char *const SCALARS[] = {
 #define SCALAR_NAME(value, name) #name,
     PLIANT_SCALAR_LIST(SCALAR_NAME)
@@ -92,7 +92,7 @@ void MeshDisplay::make_properties()
     scalar_ = new rviz::EnumProperty("Scalar", "none", "The number that the node tells of each mesh node. Chosen here, it is so for all that listen.", this,
                                      SLOT(change_scalar()));
     for (const char *name : SCALARS) scalar_->addOption(name);
-    scalar_->setShouldBeSaved(false); /* it is the node's */
+    scalar_->setShouldBeSaved(false); /* not saved: it is the node's setting */
     node_ = new rviz::StringProperty("Node", "sim", "Name of the node, with which its settings begin.", this);
     colour_ = new rviz::ColorProperty("Color", QColor(200, 150, 130), "Without a scalar or material.", this, SLOT(change_look()));
     opacity_ = new rviz::FloatProperty("Opacity", 1, "0 is not seen, 1 hides what is behind.", this, SLOT(change_look()));
@@ -119,12 +119,12 @@ void MeshDisplay::onInitialize()
         numbers->setNamedAutoConstant("worldviewproj", Ogre::GpuProgramParameters::ACT_WORLDVIEWPROJ_MATRIX);
         numbers->setNamedAutoConstant("worldview", Ogre::GpuProgramParameters::ACT_WORLDVIEW_MATRIX);
     }
-    // the faces step back a little, so that their own edges are not lost in them
+    // depth bias, so that faces do not hide their own edges
     pass_of(face_material_)->setDepthBias(-1, -1);
     bar_.reset(new ColourBar(ColourBar::LEFT));
 }
 
-// the states lie beside the topology
+// derive the topic of states from the topic of the topology
 void MeshDisplay::setTopic(const QString &topic, const QString &)
 {
     topology_topic_->setString(topic);
@@ -178,7 +178,7 @@ void MeshDisplay::reset()
     range_known_ = changed_ = false;
     if (object_) object_->clear();
     if (bar_) bar_->set_visible(false);
-    // rviz resets its displays when time jumps back: the topology is sent to new subscribers only
+    // rviz resets its displays when time jumps back; only new subscribers receive the topology
     if (subscribed) subscribe();
 }
 
@@ -207,7 +207,7 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
     setStatusStd(rviz::StatusProperty::Ok, "Topology",
                  "revision " + std::to_string(message->revision) + ": " + std::to_string(message->rest_nodes.size() / 3) + " nodes, " +
                      std::to_string(message->tetrahedra.size() / 4) + " tetrahedra");
-    if (!same_scan) range_known_ = false; // a cut does not change what the colours mean
+    if (!same_scan) range_known_ = false; // after a cut the colours keep their meaning
     last_.reset();
     change_look();
     if (early_ && early_->revision == message->revision) receive_state(pliant::MeshState::ConstPtr(early_));
@@ -215,7 +215,7 @@ void MeshDisplay::receive_topology(const pliant::MeshTopology::ConstPtr &message
 
 void MeshDisplay::receive_state(const pliant::MeshState::ConstPtr &message)
 {
-    // it may overtake its topology, which is larger
+    // a state may arrive before its topology, which is larger
     early_ = message->revision != mesh_.topology().revision ? message : nullptr;
     const bool moved = colour_by_->getOptionInt() == BY_DISPLACEMENT;
     const std::string name = moved ? DISPLACEMENT : message->scalar_name;
@@ -253,7 +253,7 @@ void MeshDisplay::report_state(MeshShape::Result result, uint32_t revision)
                  reason.empty() ? count : "dropped: " + reason + "; " + count);
 }
 
-// An automatic range widens at once and narrows slowly: the colours do not flicker.
+// Adapt the automatic range: widen immediately and narrow slowly, so that colours do not flicker.
 void MeshDisplay::follow_range()
 {
     if (!automatic_->getBool()) {
@@ -264,7 +264,7 @@ void MeshDisplay::follow_range()
     float low, high;
     if (!mesh_.scalar_range(&low, &high)) return;
     if (scalar_name_ == "volume_ratio") {
-        // even around 1, where nothing is compressed
+        // symmetric around 1, which means no compression
         float most = std::max(std::fabs(high - 1), std::fabs(low - 1));
         low = 1 - most;
         high = 1 + most;
@@ -292,11 +292,11 @@ void MeshDisplay::change_colour()
 {
     change_look();
     if (!last_) return;
-    states_--; /* the same one again */
+    states_--; /* the same state is received again */
     receive_state(pliant::MeshState::ConstPtr(last_));
 }
 
-// What the node tells is what is chosen, but while it is asked for another.
+// Show the scalar that the node publishes, except while a request for another one is pending.
 void MeshDisplay::follow_scalar()
 {
     if (wish_ && wish_->answered) {
@@ -315,7 +315,7 @@ void MeshDisplay::change_scalar()
 {
     if (following_) return;
     deleteStatus("Scalar");
-    /* beside the mesh's topics */
+    /* the node's services have the same namespace as the mesh topics */
     const std::string topic = state_topic_->getTopicStd(), space = topic.substr(0, topic.rfind("mesh/state"));
     wish_ = std::make_shared<Wish>();
     wish_->name = space + node_->getStdString() + "/set_parameters";

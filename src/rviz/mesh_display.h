@@ -1,4 +1,4 @@
-// rviz display of mesh/topology and mesh/state: the tetrahedral mesh as it lies now, coloured by a number of each node.
+// rviz display of mesh/topology and mesh/state: the deformed tetrahedral mesh, coloured by a scalar of each node.
 #ifndef PLIANT_RVIZ_MESH_DISPLAY_H
 #define PLIANT_RVIZ_MESH_DISPLAY_H
 
@@ -71,17 +71,17 @@ private:
     Rgb scalar_colour(double t) const;
     bool coloured_by_scalar() const;
 
-    struct Wish; // what the node was asked to tell, in a thread of its own
+    struct Wish; // a request to the node, sent in a separate thread
 
     ros::Subscriber topology_subscriber_, state_subscriber_;
     MeshShape mesh_;
-    pliant::MeshState::ConstPtr early_; // a state whose topology has not come yet
-    pliant::MeshState::ConstPtr last_;  // that was shown
+    pliant::MeshState::ConstPtr early_; // a state whose topology has not arrived yet
+    pliant::MeshState::ConstPtr last_;  // last shown state
     std::shared_ptr<Wish> wish_;
     std::string frame_, scalar_name_;
     bool changed_ = false, bar_changed_ = false, range_known_ = false, following_ = false;
     uint64_t dropped_ = 0, states_ = 0;
-    float low_ = 0, high_ = 1; // of the colours now
+    float low_ = 0, high_ = 1; // current range of the colours
     float bar_low_ = 0, bar_high_ = 0;
 
     Ogre::ManualObject *object_ = nullptr;

@@ -10,7 +10,7 @@ namespace pliant_rviz {
 
 namespace {
 
-// faces of a tetrahedron with det(x1 - x0, x2 - x0, x3 - x0) > 0, outwards
+// outward faces of a tetrahedron with det(x1 - x0, x2 - x0, x3 - x0) > 0
 const int FACES[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
 std::string check_nodes(const std::vector<uint32_t> &list, size_t nodes, size_t each, const char *name)
@@ -91,7 +91,7 @@ void MeshShape::start(Topology topology)
                      topology_.rest_parent.size() == seen;
     std::vector<float> now = topology.rest, scalar(scalar_.empty() ? 0 : nodes);
     for (size_t n = 0; same_scan && n < nodes; n++) {
-        // one that was there before, or else what it is a copy of
+        // a node that existed before, otherwise the node from which it was copied
         bool was_there = n < seen && topology_.rest_parent[n] == topology.rest_parent[n];
         size_t source = was_there ? n : topology.rest_parent[n];
         same_scan = source < seen;
@@ -116,7 +116,7 @@ MeshShape::Result MeshShape::put(uint32_t revision, const std::vector<float> &no
     return SHOWN;
 }
 
-// of numbers at nodes, `each` of them a node, one at a vertex of the surface's own
+// Interpolate node values, `each` of them per node, at an additional vertex of the surface.
 float MeshShape::at_vertex(uint32_t vertex, const std::vector<float> &nodes, size_t each, size_t which) const
 {
     float sum = 0;
@@ -204,7 +204,7 @@ Shape MeshShape::surface() const
     Shape shape;
     const size_t nodes = nodes_.size() / 3, all = nodes + topology_.vertex_tetrahedron.size(), cut = 3 * size_t(topology_.first_cut);
     const uint32_t none = 0xffffffff;
-    std::vector<uint32_t> vertex(2 * all, none); // outside, on faces of cuts
+    std::vector<uint32_t> vertex(2 * all, none); // outer triangles, then faces of cuts
     for (size_t n = 0; n < topology_.triangles.size(); n++) {
         const uint32_t node = topology_.triangles[n];
         uint32_t &place = vertex[node + (cut > 0 && n >= cut ? all : 0)];
@@ -300,7 +300,7 @@ Rgb diverging_colour(double t)
 
 Rgb material_colour(uint16_t material)
 {
-    // hues a golden angle apart
+    // hues differ by the golden angle
     double hue = std::fmod(0.08 + 0.6180339887 * material, 1.0) * 6;
     Rgb out;
     const double shift[3] = {0, 4, 2};

@@ -6,7 +6,7 @@
 
 namespace pliant_rviz {
 
-// [s]; poses come every 10 ms, a step of the simulation takes 20 ms
+// Times [s]; poses are sent every 10 ms, a simulation step takes 20 ms.
 static const double PERIOD = 0.01, OPEN_FOR = 0.1, WAIT_FOR_SIGHT = 1.0, CLOSED_FOR = 0.06, WAIT_FOR_HOLD = 0.5, OPEN_AFTER = 0.2;
 
 MouseRobot::MouseRobot() = default;
@@ -63,7 +63,7 @@ void MouseRobot::run(const std::array<double, 3> &point)
         double now = (ros::WallTime::now() - start).toSec();
         if (holding_ && closed_at < 0 && now > (present_ ? OPEN_FOR : WAIT_FOR_SIGHT)) closed_at = now;
         bool closed = holding_ && closed_at >= 0;
-        // the tip stays until the tissue is in hand
+        // the tip stays until the tissue is grasped
         follows = follows || (closed && now - closed_at > (grasped_ ? CLOSED_FOR : WAIT_FOR_HOLD));
         std::array<double, 3> to = point;
         if (follows) {

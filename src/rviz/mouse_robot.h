@@ -1,4 +1,5 @@
-// The mouse as a robot's tool: poses and a jaw on CRTK topics at a steady rate, whatever rviz is doing.
+// Publish the mouse as a robot's tool: poses and a jaw on CRTK topics at a constant rate, independent of rviz's
+// rendering.
 #ifndef PLIANT_RVIZ_MOUSE_ROBOT_H
 #define PLIANT_RVIZ_MOUSE_ROBOT_H
 
@@ -22,16 +23,18 @@ public:
     MouseRobot(const MouseRobot &) = delete;
     MouseRobot &operator=(const MouseRobot &) = delete;
 
-    // The topics <tool>/measured_cp and <tool>/jaw/measured_js; before the first grasp, so that the node is connected by then.
-    // @param tool  its name with its namespace
-    // @param frame of all points
+    // Advertise the topics <tool>/measured_cp and <tool>/jaw/measured_js. Call before the first grasp, so that the node
+    // can connect.
+    // @param tool name with namespace
+    // @param frame frame of all points
     void connect(const std::string &tool, const std::string &frame);
-    // Go to a point with the jaw open, close it there, and from then on follow the target.
+    // Move to a point with the jaw open, close the jaw, then follow the target.
     void grasp(const std::array<double, 3> &point);
     void move(const std::array<double, 3> &target);
-    // What the node says: it sees the tool, the tool has hold of the tissue. Without word from it the robot goes on by time.
+    // Set the node's report: it sees the tool; the tool has grasped tissue. Without a report the robot proceeds by
+    // time.
     void hear(bool present, bool grasped);
-    // Open the jaw; soon after, the poses end and the tool is gone.
+    // Open the jaw. Shortly after, the poses end and the tool becomes absent.
     void release();
     bool holding() const { return holding_; }
 

@@ -16,14 +16,14 @@
 
 namespace pliant_rviz {
 
-// from what is seen to the nearest tissue: what has just been cut or pulled is a frame old [m]
+// maximum distance from the seen point to the nearest tissue; a cut or pull may be one frame old [m]
 static const double REACH = 0.01;
 
 struct Picker::Question {
     pliant::Pick service;
     std::string name;
-    bool is_seen = true;    // something is seen at all
-    bool reached = false;   // there is such a service
+    bool is_seen = true;    // whether the ray meets anything visible
+    bool reached = false;   // whether the service exists
     std::atomic<bool> answered{false};
 };
 

@@ -65,7 +65,7 @@ std::string PullTool::topic(const std::string &name) const
     return space.empty() ? name : space + "/" + name;
 }
 
-// The first tool of a configuration is active before its properties are read.
+// Connect on activation: the first tool of a configuration is active before its properties are read.
 void PullTool::connect_topics()
 {
     if (!active_) return;
@@ -117,7 +117,7 @@ void PullTool::let_go()
     draw();
 }
 
-// The tip stays in the plane through itself that faces the viewer.
+// Move the tip in the plane through itself that faces the viewer.
 void PullTool::drag(rviz::ViewportMouseEvent &event)
 {
     view_direction_ = event.viewport->getCamera()->getDerivedDirection();
@@ -171,7 +171,7 @@ void PullTool::draw()
     mark_->setVisible(robot_.holding() && view);
     if (!robot_.holding() || !view) return;
     const Ogre::Camera *camera = view->getCamera();
-    // as large as 0.8 % of the way to the viewer
+    // 0.8 % of the distance to the viewer
     float radius = camera->getProjectionType() == Ogre::PT_PERSPECTIVE ? 0.008f * (tip_ - camera->getDerivedPosition()).length() : 0.005f;
     Ogre::Vector3 right = radius * camera->getDerivedRight(), up = radius * camera->getDerivedUp();
     const Ogre::ColourValue yellow(1.0f, 0.85f, 0.1f);

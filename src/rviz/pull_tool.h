@@ -1,4 +1,4 @@
-// rviz tool: take hold of the visible tissue with the mouse and pull ([H] 3.2).
+// rviz tool: grasp the visible tissue with the mouse and pull ([H] 3.2).
 #ifndef PLIANT_RVIZ_PULL_TOOL_H
 #define PLIANT_RVIZ_PULL_TOOL_H
 
@@ -56,7 +56,8 @@ private:
     Ogre::Vector3 picked_, tip_, held_, view_direction_;
     bool knows_held_ = false, gripped_ = false, active_ = false, connected_ = false;
 
-    Ogre::ManualObject *mark_ = nullptr; // a line from the held point to the tip, and a disc there; over everything
+    // line from the grasped point to the tip, and a disc at the tip; drawn over everything
+    Ogre::ManualObject *mark_ = nullptr;
     Ogre::MaterialPtr mark_material_;
     rviz::StringProperty *namespace_, *tool_name_;
     rviz::FloatProperty *threshold_;

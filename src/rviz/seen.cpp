@@ -7,14 +7,14 @@ namespace pliant_rviz {
 
 namespace {
 
-// where opacities differ by this factor another layer begins
+// ratio of opacities at which a new layer begins
 const double CONTRAST = 4;
-// parts of the light: a layer that gives less is not seen; with less left, nothing behind is
+// minimum fraction of the light: of a visible layer, and of the light that continues behind a layer
 const double LEAST_LIGHT = 0.02;
 
 struct Layer {
-    std::vector<double> distance, light; // of every step
-    double opacity = 0, all = 0;         // sums
+    std::vector<double> distance, light; // distance and light contribution of each step
+    double opacity = 0, all = 0;         // sums over the layer
 
     bool goes_on_with(double next) const
     {
@@ -35,7 +35,7 @@ struct Layer {
 bool find_seen(const std::vector<Part> &parts, double step, const Along &opacity, double *distance)
 {
     Layer layer, brightest;
-    double left = 1; // of the light that comes from here
+    double left = 1; // transmitted fraction of the light
     auto end_layer = [&] {
         if (layer.all > brightest.all) std::swap(layer, brightest);
         layer = Layer();

@@ -1,4 +1,4 @@
-// Where a ray meets what is seen of a volume. No Ogre, no ROS.
+// Find where a ray meets the visible part of a volume. No Ogre, no ROS.
 #ifndef PLIANT_RVIZ_SEEN_H
 #define PLIANT_RVIZ_SEEN_H
 
@@ -9,17 +9,18 @@
 
 namespace pliant_rviz {
 
-// A number at a distance along the ray [m].
+// A value at a distance along the ray [m].
 using Along = std::function<double(double)>;
 
-// Through what is partly transparent: the layer that the eye gets most light from, after Wiebel, Vos, Foerster and Hege, "WYSIWYP: What You See
-// Is What You Pick", IEEE TVCG 18:2236, 2012; in it the depth that half of this light comes from. False: next to nothing is seen.
-// @param parts    of the ray, the nearest first
-// @param step     [m]
-// @param opacity  of a step there
+// Find the visible depth in a semi-transparent volume: the layer that contributes most light, and in it the depth that
+// half of its light comes from (Wiebel, Vos, Foerster and Hege, "WYSIWYP: What You See Is What You Pick", IEEE TVCG
+// 18:2236, 2012). Return false if almost nothing is visible.
+// @param parts segments of the ray, the nearest first
+// @param step [m]
+// @param opacity opacity of one step at a distance
 bool find_seen(const std::vector<Part> &parts, double step, const Along &opacity, double *distance);
 
-// The first place where a surface is met: the number reaches 0 there, or a part begins above it.
+// Find the first intersection with a surface: the value reaches 0, or a segment begins above 0.
 bool find_surface(const std::vector<Part> &parts, double step, const Along &above, double *distance);
 
 } // namespace pliant_rviz

@@ -1,4 +1,4 @@
-// Calls of services by threads that nothing may leave: an exception there would end rviz.
+// Call services from threads. An exception that leaves a thread would end rviz.
 #ifndef PLIANT_RVIZ_SERVICE_H
 #define PLIANT_RVIZ_SERVICE_H
 
@@ -9,7 +9,7 @@
 
 namespace pliant_rviz {
 
-// False where nobody answers, and where a person typed what is no name.
+// Return false if the service does not answer or the name is invalid.
 template <class Service> bool call_service(const std::string &name, Service *service)
 {
     try {

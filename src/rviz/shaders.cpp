@@ -12,8 +12,9 @@ void main()
 }
 )";
 
-// Texel coordinate = local * scale + offset. window: place in the table = texel * x + y, nothing is seen up to place z.
-// step_i: one texel in texture coordinates; spacing: in metres, signed where the texture's axis is flipped.
+// Texel coordinate = local * scale + offset. window: table position = texel * x + y; everything up to table position z
+// is invisible. step_i: one texel in texture coordinates; spacing: in metres, negative where the texture's axis is
+// flipped.
 const char *const slice_fragment_shader = R"(#version 120
 uniform sampler3D volume;
 uniform sampler3D table;
@@ -141,7 +142,7 @@ void main()
 }
 )";
 
-// normals face the viewer on both sides; the colour is the vertex'
+// normals face the viewer on both sides; colours come from the vertices
 const char *const mesh_vertex_shader = R"(#version 120
 uniform mat4 worldviewproj;
 uniform mat4 worldview;

@@ -10,10 +10,10 @@
 
 namespace pliant_rviz {
 
-// parts of the box's diagonal
+// fractions of the box's diagonal
 static const double HEIGHT = 0.05, AWAY = 0.04;
 const double SideMarks::REACH = AWAY + 0.5 * HEIGHT;
-// cosine of the angle to the view above which a side faces the viewer
+// cosine of the angle to the view direction above which a side faces the viewer
 static const float FACING = 0.85f;
 
 SideMarks::SideMarks(Ogre::SceneManager *manager, Ogre::SceneNode *parent) : manager_(manager)

@@ -27,12 +27,13 @@ public:
     SideMarks(const SideMarks &) = delete;
     SideMarks &operator=(const SideMarks &) = delete;
 
-    // Beside a box in the axes of a volume that lies on this node [m]; sides that face the viewer, or away, have none.
-    // @param to_patient  from these axes to the patient's
-    // @param ahead       direction of the view in the fixed frame
+    // Show the letters around a box in the axes of a volume's scene node [m]. Sides that face the viewer, or the
+    // opposite direction, have no letter.
+    // @param to_patient rotation from these axes to the patient's axes
+    // @param ahead view direction in the fixed frame
     void show(const Bounds &box, const Ogre::SceneNode &volume, const Ogre::Quaternion &to_patient, const Ogre::Vector3 &ahead);
     void hide();
-    // How far letters reach beyond a box: part of its diagonal.
+    // Extent of the letters beyond the box, as a fraction of its diagonal.
     static const double REACH;
 
 private:
@@ -41,7 +42,7 @@ private:
         std::unique_ptr<rviz::MovableText> text;
     };
     Ogre::SceneManager *manager_;
-    std::array<Mark, 6> marks_; // low and high along each axis
+    std::array<Mark, 6> marks_; // low and high side of each axis
 };
 
 } // namespace pliant_rviz

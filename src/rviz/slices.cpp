@@ -13,7 +13,7 @@ Vector mix(const Vector &a, const Vector &b, double part)
     return {{a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])}};
 }
 
-// cut a convex polygon, keeping dot(normal, x) >= offset
+// clip a convex polygon to dot(normal, x) >= offset
 std::vector<Vector> cut(const std::vector<Vector> &polygon, const Plane &plane)
 {
     std::vector<Vector> kept;
@@ -40,7 +40,7 @@ void range_along(const Bounds &box, const Vector &direction, double *low, double
 
 std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double distance)
 {
-    // a square in the plane that is larger than the box, cut by its six faces
+    // start with a square in the plane that is larger than the box, then clip it by the six faces
     Vector middle, u{{0, 0, 0}}, v;
     double radius = 0;
     for (int d = 0; d < 3; d++) {
@@ -85,7 +85,7 @@ Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Ve
     double low, high;
     range_along(box, direction, &low, &high);
     double first = std::ceil(low / spacing), last = std::floor(high / spacing);
-    // a spacing too small for `most`: the nearest ones are drawn
+    // if the spacing gives more than `most` slices, draw the nearest ones
     last = std::min(last, first + double(most) - 1);
     for (double n = last; n >= first; n--) {
         std::vector<Vector> polygon = slice(box, planes, direction, n * spacing);

@@ -1,4 +1,4 @@
-// Geometry of what is drawn of a volume: a box, cut by planes, in slices that face the viewer. No Ogre, no ROS.
+// Geometry for drawing a volume: a clipped box in slices that face the viewer. No Ogre, no ROS.
 #ifndef PLIANT_RVIZ_SLICES_H
 #define PLIANT_RVIZ_SLICES_H
 
@@ -13,7 +13,7 @@ using Vector = std::array<double, 3>;
 
 inline double dot(const Vector &a, const Vector &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-// Keeps the points with dot(normal, point) >= offset.
+// Half space of the kept points: dot(normal, point) >= offset.
 struct Plane {
     Vector normal;
     double offset;
@@ -27,23 +27,24 @@ struct Bounds {
 struct Slices {
     std::vector<float> vertices;    // x y z
     std::vector<uint32_t> triangles;
-    size_t count = 0;               // slices that are not empty
+    size_t count = 0;               // number of non-empty slices
 };
 
-// Where the plane dot(direction, point) = distance meets the box and the kept sides of the planes: a convex polygon, or
-// nothing. Direction is a unit vector.
+// Return the intersection of the plane dot(direction, point) = distance with the box and the kept sides of the planes:
+// a convex polygon, or nothing.
+// direction: unit vector
 std::vector<Vector> slice(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double distance);
 
-// Slices of the box at whole multiples of the spacing along the viewing direction, the farthest first. The multiples are
-// counted from the origin of the coordinates, so that they stay where they are when the box changes.
-// @param most  no more than this many; the spacing must be chosen for it
+// Return slices of the box at integer multiples of the spacing along the view direction, the farthest first. Multiples
+// count from the coordinate origin, so that slices stay in place when the box changes.
+// @param most maximum number of slices; choose the spacing accordingly
 Slices make_slices(const Bounds &box, const std::vector<Plane> &planes, const Vector &direction, double spacing, size_t most);
 
-// Part [near, far] of origin + t * direction, t >= 0, inside the box and the planes; false: none.
+// Return the part [near, far] of origin + t * direction, t >= 0, inside the box and the planes; false: none.
 bool clip_ray(const Bounds &box, const std::vector<Plane> &planes, const Vector &origin, const Vector &direction, double *near,
               double *far);
 
-// Of a part of a ray, those outside of a box: two at most, the nearer first. An empty box leaves it whole.
+// Return the segments of a ray segment outside a box: at most two, the nearer first. An empty box removes nothing.
 struct Part { double near, far; };
 std::vector<Part> outside(const Bounds &box, const Vector &origin, const Vector &direction, const Part &part);
 

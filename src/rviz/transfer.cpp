@@ -8,8 +8,8 @@
 
 namespace pliant_rviz {
 
-// Windows follow radiological habit: soft tissue 40 / 400 HU, bone 400 / 1800, lung -600 / 1500; skin is where air
-// turns to tissue; contrast-filled vessels stand out from 130 HU up.
+// The windows are common in radiology: soft tissue 40 / 400 HU, bone 400 / 1800, lung -600 / 1500. Skin is the
+// transition from air to tissue; contrast-filled vessels start at 130 HU.
 const std::vector<Preset> &presets()
 {
     static const std::vector<Preset> all = {
@@ -69,7 +69,7 @@ Colour colour_at(const Preset &preset, double at)
 std::string points_text(const std::vector<ControlPoint> &points)
 {
     std::ostringstream out;
-    out.imbue(std::locale::classic()); // a point is a point, whatever a desktop's language
+    out.imbue(std::locale::classic()); // decimal point, independent of the desktop's language
     for (const ControlPoint &point : points) {
         const Colour &c = point.colour;
         out << (&point == &points.front() ? "" : "; ") << std::setprecision(4) << point.at << std::setprecision(3);
@@ -87,7 +87,7 @@ static bool read_point(const std::string &text, ControlPoint *out)
     in >> out->at;
     for (double *number : {&c.r, &c.g, &c.b, &c.a})
         if (!(in >> comma >> *number) || comma != ',') return false;
-    return !(in >> comma); // nothing is left
+    return !(in >> comma); // nothing may follow
 }
 
 std::string points_from_text(const std::string &text, std::vector<ControlPoint> *out)
@@ -109,7 +109,7 @@ std::string points_from_text(const std::string &text, std::vector<ControlPoint> 
     return "";
 }
 
-// the nearest that places of two points come [of the window]; text keeps four digits
+// minimum distance between two points [fraction of the window]; the text has four digits
 static const double APART = 0.001;
 
 void move_point(std::vector<ControlPoint> *points, size_t which, double at, double opacity)
@@ -161,7 +161,7 @@ std::vector<bool> drawn_values(const Preset &preset, double low, double high, do
     double step = (value_at_1 - value_at_0) / double(steps - 1);
     for (size_t n = 0; n < steps; n++) {
         double value = value_at_0 + step * double(n);
-        // what lies between two steps counts for both; a step wider than the window may jump over all of it
+        // values between two steps count for both; a step wider than the window may skip all of it
         bool any = std::fabs(step) > high - low && value - std::fabs(step) < high && value + std::fabs(step) > low;
         for (double beside : {-1.0, 0.0, 1.0})
             any = any || colour_at(preset, (value + beside * step - low) / (high - low)).a > 0;

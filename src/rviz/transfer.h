@@ -1,4 +1,4 @@
-// From values to colour and opacity. No Ogre, no ROS.
+// Transfer functions from values to colour and opacity. No Ogre, no ROS.
 #ifndef PLIANT_RVIZ_TRANSFER_H
 #define PLIANT_RVIZ_TRANSFER_H
 
@@ -13,50 +13,53 @@ struct Colour {
     double r, g, b, a;
 };
 
-// A point of a transfer function; at is a place in the window: 0 its low end, 1 its high end.
+// A point of a transfer function. at: position in the window; 0 is its low end, 1 its high end.
 struct ControlPoint {
     double at;
-    Colour colour; // a: opacity of a path through an even piece of 1/256 of the volume's diagonal
+    Colour colour; // a: opacity of a homogeneous path of 1/256 of the volume's diagonal
 };
 
-// Values in the file's unit (CT: Hounsfield).
+// Values in the file's unit (CT: Hounsfield units).
 struct Preset {
     std::string name;
     std::string unit;
-    bool relative;        // level and window are fractions of the 99.5 % quantile of the values above the lowest (MR)
-    double level, window; // centre and width
+    bool relative;        // level and window are fractions of the 99.5 % quantile of all values above the minimum (MR)
+    double level, window; // centre and width of the window
     double surface;       // value of the isosurface
     std::vector<ControlPoint> points; // ascending
 };
 
 const std::vector<Preset> &presets();
-const Preset &preset(const std::string &name); // the first one when there is none of this name
+const Preset &preset(const std::string &name); // an unknown name gives the first one
 
-// Linear between the points; outside of them the nearest one's.
+// Interpolate linearly between the points; outside them the nearest point counts.
 Colour colour_at(const Preset &preset, double at);
 
-// As text, and back: "place, red, green, blue, opacity; ...", all from 0 to 1, places ascending, two points or more. "" or what is wrong with it.
+// Convert points to text and back: "position, red, green, blue, opacity; ...", all in [0, 1], ascending positions, at
+// least two points. The second function returns "" or an error message.
 std::string points_text(const std::vector<ControlPoint> &points);
 std::string points_from_text(const std::string &text, std::vector<ControlPoint> *out);
 
-// What a hand does to them. A point stays between its neighbours, and none comes where they leave no room; of two points none is taken away.
+// Edit the points. A point stays between its neighbours, no point is added if the gap is too small, and the last two
+// points cannot be removed.
 void move_point(std::vector<ControlPoint> *points, size_t which, double at, double opacity);
-int add_point(std::vector<ControlPoint> *points, double at); // on the line; its number, -1: no room
+// add a point on the line; return its index, -1: the gap is too small
+int add_point(std::vector<ControlPoint> *points, double at);
 bool remove_point(std::vector<ControlPoint> *points, size_t which);
 
-// Premultiplied colours over the window, 16 bits a channel (the shaders know the size too), for slices that are `distance` apart (in units of the
-// control points' opacity: 1/256 of the diagonal).
+// Premultiplied colours over the window, 16 bits per channel, for slices at a distance given in units of 1/256 of the
+// diagonal (the unit of the control points' opacity). The shaders contain the same size.
 enum { TABLE_SIZE = 512 };
 using Table = std::array<uint16_t, TABLE_SIZE * 4>;
 Table make_table(const Preset &preset, double opacity, double distance);
 
-// Opacity of a path through `distance` such pieces.
+// Return the opacity of a path with the length of `distance` such units.
 double opacity_over(double opacity, double distance);
 
-// Which of 4096 even steps of [value_at_0, value_at_1] are drawn at all, given window [low, high].
+// Return which of 4096 equal steps of [value_at_0, value_at_1] are visible with the window [low, high].
 std::vector<bool> drawn_values(const Preset &preset, double low, double high, double value_at_0, double value_at_1);
 
-// Highest place in the window below which nothing is seen; less than 0: the window's low end is seen.
+// Return the highest position in the window below which everything is transparent; negative: the low end is visible.
 double transparent_up_to(const Preset &preset);
 
 } // namespace pliant_rviz

@@ -18,7 +18,7 @@
 
 namespace pliant_rviz {
 
-// [pixels]
+// sizes in pixels
 static const double MARGIN = 10, BELOW = 18, HANDLE = 5, REACH = 9;
 static const size_t BINS = 256;
 
@@ -39,7 +39,7 @@ void TransferCurve::show_function(const Preset &function, double low, double hig
 
 QRectF TransferCurve::field() const { return QRectF(MARGIN, MARGIN, width() - 2 * MARGIN, height() - 2 * MARGIN - BELOW); }
 
-// faint opacities matter: the height is the root of the opacity
+// small opacities matter, so the height is the square root of the opacity
 QPointF TransferCurve::place_of(const ControlPoint &point) const
 {
     const QRectF in = field();
@@ -84,7 +84,7 @@ void TransferCurve::paintEvent(QPaintEvent *)
         const double step = in.width() / double(histogram_.size());
         painter.drawRect(QRectF(in.left() + double(n) * step, in.bottom() - histogram_[n] * in.height(), step, histogram_[n] * in.height()));
     }
-    /* the line in its own colours, the root of a straight one between two points */
+    /* draw the line in its colours; between two points it is the square root of a straight line */
     for (int x = int(in.left()); x < int(in.right()); x++) {
         ControlPoint a{(x - in.left()) / in.width(), {}}, b{(x + 1 - in.left()) / in.width(), {}};
         a.colour = colour_at(function_, a.at);
@@ -149,7 +149,8 @@ void TransferCurve::choose_colour(int which)
 {
     const QColor chosen = QColorDialog::getColor(colour_of(function_.points[size_t(which)].colour), this, "Colour of the point");
     held_ = -1;
-    if (!chosen.isValid() || size_t(which) >= function_.points.size()) return; // others came meanwhile
+    // the points may have changed in the meantime
+    if (!chosen.isValid() || size_t(which) >= function_.points.size()) return;
     Colour &colour = function_.points[size_t(which)].colour;
     colour = {chosen.redF(), chosen.greenF(), chosen.blueF(), colour.a};
     update();

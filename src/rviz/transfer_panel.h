@@ -1,4 +1,4 @@
-// rviz panel: the points of a volume's transfer function, edited with the mouse.
+// rviz panel to edit the points of a volume's transfer function with the mouse.
 #ifndef PLIANT_RVIZ_TRANSFER_PANEL_H
 #define PLIANT_RVIZ_TRANSFER_PANEL_H
 
@@ -16,12 +16,12 @@ namespace pliant_rviz {
 
 class VolumeDisplay;
 
-// Opacity over value: the histogram behind, the line of colours, a handle for each point.
+// Opacity over value: histogram in the background, coloured line, and a handle for each point.
 class TransferCurve : public QWidget {
     Q_OBJECT
 public:
     explicit TransferCurve(QWidget *parent);
-    // While a hand moves a point, what comes from outside waits.
+    // Show a function. Changes from outside wait while the user drags a point.
     void show_function(const Preset &function, double low, double high, const std::vector<double> &histogram);
     QSize sizeHint() const override { return QSize(320, 180); }
     QSize minimumSizeHint() const override { return QSize(160, 100); }

@@ -30,13 +30,13 @@ namespace pliant_rviz {
 
 enum Mode { SLICES, ISOSURFACE };
 
-// most bytes to the graphics card between two pictures
+// maximum number of bytes uploaded to the graphics card per frame
 static const size_t UPLOAD_BYTES = size_t(32) << 20;
-// the picture is still when nothing moved for so long [s]
+// time without motion after which the image is refined [s]
 static const float STILL_AFTER = 0.4f;
-// [s]
+// time between two requests [s]
 static const float ASK_EVERY = 2;
-// a frame while something moves takes no longer, with as few slices as this if need be [s]
+// maximum time of a frame while something moves, and minimum number of slices to reach it [s]
 static const double FRAME_TIME = 0.1, FEWEST_SLICES = 32;
 
 VolumeDisplay::VolumeDisplay() { make_properties(); }
@@ -129,7 +129,7 @@ void VolumeDisplay::onInitialize()
 
 void VolumeDisplay::load(const rviz::Config &config)
 {
-    // level and window come from the file after the preset: they are no edits by hand
+    // level and window from the file follow the preset; they are not edits by the user
     loading_ = true;
     Display::load(config);
     loading_ = false;
@@ -158,7 +158,7 @@ void VolumeDisplay::subscribe()
     if (!isEnabled() || topic_->getTopicStd().empty()) return;
     whole_wanted_ = false;
     try {
-        // boxes must not be lost: the queue is long, they are small; a whole volume replaces all
+        // boxes must not be lost, so the queue is long; boxes are small, and a whole volume replaces them all
         subscriber_ = threaded_nh_.subscribe(topic_->getTopicStd(), 32, &VolumeDisplay::receive, this,
                                              ros::TransportHints().tcpNoDelay());
         if (!visual_ || !visual_->has_texture()) setStatus(rviz::StatusProperty::Warn, "Volume", "no data yet");
@@ -173,7 +173,7 @@ void VolumeDisplay::reset()
 {
     Display::reset();
     bool subscribed = subscriber_;
-    // without the lock: it waits for receive()
+    // without the lock, because unsubscribe() waits for receive()
     unsubscribe();
     {
         std::lock_guard<std::mutex> guard(received_.lock);
@@ -187,7 +187,8 @@ void VolumeDisplay::reset()
     if (visual_) visual_->clear();
     if (bar_) bar_->set_visible(false);
     if (sides_) sides_->hide();
-    // rviz resets its displays when time jumps back: what is shown comes anew, even if nothing moves
+    // rviz resets its displays when time jumps back; a new subscription delivers the current volume even if nothing
+    // moves
     if (subscribed) subscribe();
 }
 
@@ -264,7 +265,7 @@ void VolumeDisplay::change_preset()
 
 void VolumeDisplay::change_window()
 {
-    // edited by hand
+    // edited by the user
     if (!loading_ && !window_wanted_) automatic_->setBool(false);
     change_look();
 }
@@ -309,7 +310,7 @@ void VolumeDisplay::change_look()
     if (context_) context_->queueRender();
 }
 
-// level, window and isosurface of the preset; relative ones wait for data
+// Take level, window and isosurface from the preset; relative ones need data.
 void VolumeDisplay::take_window()
 {
     const Preset &chosen = transfer_;
@@ -331,7 +332,7 @@ void VolumeDisplay::upload()
     if (received_.starts) {
         texture_error_ = visual_->start(received_.image);
         if (!texture_error_.empty()) {
-            // the card has less than it may take: ask for the volume again, half as large at most
+            // the texture is too large for the card: request the volume again with at most half the size
             received_.limits.bytes = std::max<size_t>(received_.image.bytes() / 2, size_t(1) << 20);
             received_.image = VolumeImage();
             whole_wanted_ = true;
@@ -354,7 +355,7 @@ void VolumeDisplay::upload()
     }
 }
 
-// A whole volume is sent to whoever subscribes: that mends what was lost.
+// Request the whole volume by a new subscription, after data were lost.
 void VolumeDisplay::ask_for_whole(float wall_dt)
 {
     since_asked_ += wall_dt;
@@ -376,7 +377,7 @@ bool VolumeDisplay::place()
         const std::array<double, 4> &q = received_.orientation;
         volume_orientation_ = Ogre::Quaternion(float(q[3]), float(q[0]), float(q[1]), float(q[2]));
         volume_orientation_.normalise();
-        // the clip plane is of the frame, the look's of the volume
+        // the clip plane is given in the frame, the look in the volume's axes
         if (volume_position_ != old_position || volume_orientation_ != old_orientation) look_changed_ = true;
     }
     Ogre::Vector3 position;
@@ -418,7 +419,7 @@ void VolumeDisplay::set_look(unsigned slices)
         }
     Ogre::Vector3 normal = plane_normal_->getVector();
     if (clip_plane_->getBool() && normal.squaredLength() > 0) {
-        // from the frame of the message to the volume's own axes
+        // transform from the frame of the message to the volume's axes
         normal = volume_orientation_.Inverse() * normal.normalisedCopy();
         Ogre::Vector3 point = volume_orientation_.Inverse() * (plane_point_->getVector() - volume_position_);
         look.planes.push_back({{{normal.x, normal.y, normal.z}}, normal.dotProduct(point)});
@@ -429,14 +430,14 @@ void VolumeDisplay::set_look(unsigned slices)
 bool VolumeDisplay::is_moving()
 {
     const Ogre::Camera *camera = context_->getViewManager()->getCurrent()->getCamera();
-    // exactly: a camera that rests gives the same numbers
+    // exact comparison: a camera at rest gives identical numbers
     if (camera->getDerivedPosition() != camera_position_ || camera->getDerivedOrientation() != camera_orientation_) still_for_ = 0;
     camera_position_ = camera->getDerivedPosition();
     camera_orientation_ = camera->getDerivedOrientation();
     return still_for_ < STILL_AFTER;
 }
 
-// Fewer where the last frame took too long, more where it did not.
+// Adapt the number of slices to the duration of the last frame.
 unsigned VolumeDisplay::slices_while_moving(float wall_dt)
 {
     double most = std::min(slices_moving_->getInt(), slices_->getInt());
@@ -468,8 +469,8 @@ void VolumeDisplay::update(float wall_dt, float)
     ask_for_whole(wall_dt);
 }
 
-// Scanners put their origin anywhere: a volume that just came, with its middle at the edge of the view or outside, is brought
-// into it.
+// Move a new volume into the view if its centre is near the edge of the view or outside, because scanners have
+// arbitrary origins.
 void VolumeDisplay::turn_view_to_it()
 {
     is_new_ = fit_wanted_ = false;
@@ -480,7 +481,7 @@ void VolumeDisplay::turn_view_to_it()
     rviz::ViewController *view = context_->getViewManager()->getCurrent();
     const Ogre::Camera *camera = view->getCamera();
     Ogre::Vector3 seen = camera->getViewMatrix() * visual_->middle();
-    Ogre::Vector3 place = camera->getProjectionMatrix() * seen; // -1..1 is in view
+    Ogre::Vector3 place = camera->getProjectionMatrix() * seen; // inside the view if in [-1, 1]
     if (seen.z > 0 || std::max(std::fabs(place.x), std::fabs(place.y)) > 0.8f) view->lookAt(visual_->middle());
 }
 
@@ -521,7 +522,7 @@ void VolumeDisplay::report()
     received_.changed = false;
     whole_wanted_ = whole_wanted_ || received_.waits || received_.lost > 0;
     if (!received_.error.empty()) {
-        // said once in the log too: the panel with the status may be closed
+        // also log it once, because the status panel may be closed
         if (received_.error != logged_) ROS_WARN_STREAM("volume display: " << received_.error);
         setStatusStd(rviz::StatusProperty::Error, "Volume",
                      received_.error + " (" + std::to_string(received_.refused) + " messages refused)");

@@ -1,4 +1,4 @@
-// rviz display of the topic `volume`: a medical scan, live, while it deforms.
+// rviz display of the topic `volume`: a medical scan during its deformation.
 #ifndef PLIANT_RVIZ_VOLUME_DISPLAY_H
 #define PLIANT_RVIZ_VOLUME_DISPLAY_H
 
@@ -42,14 +42,15 @@ public:
     void update(float wall_dt, float ros_dt) override;
 
     bool is_shown() const { return isEnabled() && visual_ && visual_->has_texture(); }
-    // Where a ray in the fixed frame meets what is seen of the volume as it is shown [m], and the value there; false: nowhere.
+    // Find where a ray in the fixed frame meets the visible part of the volume [m], and the value there; false: nothing
+    // visible.
     bool see(const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value);
 
-    // The transfer function as it is shown, its window, and how many voxels have which value: for who edits it.
+    // The displayed transfer function and its window, for editors.
     const Preset &transfer() const { return transfer_; }
     double low() const;
     double high() const;
-    std::vector<double> histogram(size_t bins); // over the window; parts of the most frequent
+    std::vector<double> histogram(size_t bins); // histogram over the window; fractions of the maximum
     void set_points(const std::vector<ControlPoint> &points);
 
 protected:
@@ -71,7 +72,7 @@ private:
     void make_clip_properties();
     void subscribe();
     void unsubscribe();
-    void receive(const pliant::Volume::ConstPtr &message); // in rviz's other thread
+    void receive(const pliant::Volume::ConstPtr &message); // called in rviz's second thread
     void take_window();
     void upload();
     void find_visible();
@@ -86,12 +87,12 @@ private:
     unsigned slices_while_moving(float wall_dt);
     void set_look(unsigned slices);
 
-    // what the receiving thread leaves for update()
+    // data from the receiving thread for update()
     struct Received {
         std::mutex lock;
         TextureLimits limits;
         VolumeImage image;
-        bool starts = false, changed = false, waits = false; // for a whole volume
+        bool starts = false, changed = false, waits = false; // waits: for a whole volume
         std::string frame, error, warning;
         std::array<double, 3> position, spacing;
         std::array<double, 4> orientation;
@@ -99,7 +100,7 @@ private:
         uint64_t messages = 0, refused = 0, sequence = 0, lost = 0;
     };
     Received received_;
-    Preset transfer_; // the preset, with points of its own where somebody has set them
+    Preset transfer_; // the preset, with edited points if any
 
     ros::Subscriber subscriber_;
     std::unique_ptr<VolumeVisual> visual_;
@@ -108,9 +109,9 @@ private:
     std::string texture_error_, logged_;
     bool look_changed_ = true, window_wanted_ = false, loading_ = false, whole_wanted_ = false, uploaded_ = false, is_new_ = false, fit_wanted_ = false;
     bool drawn_moving_ = false;
-    double moving_slices_ = 0; // as many as this machine draws in time
+    double moving_slices_ = 0; // number of slices that this machine draws in time
     Ogre::Vector3 camera_position_ = Ogre::Vector3::ZERO, volume_position_ = Ogre::Vector3::ZERO;
-    Ogre::Quaternion camera_orientation_, volume_orientation_; // identity
+    Ogre::Quaternion camera_orientation_, volume_orientation_; // initially the identity
     float still_for_ = 0, since_asked_ = 0; // [s]
 
     rviz::RosTopicProperty *topic_;

@@ -26,7 +26,7 @@ template <class T> bool all_finite(const T &numbers)
     return std::all_of(numbers.begin(), numbers.end(), [](double x) { return std::isfinite(x); });
 }
 
-// a * b * c as long as it stays below 2^62, else 0
+// a * b * c if below 2^62, otherwise 0
 uint64_t product(const Size &size)
 {
     double estimate = double(size[0]) * size[1] * size[2];
@@ -145,7 +145,7 @@ void VolumeImage::start(const VolumeView &view, const TextureLimits &limits)
     brick_high_.assign(bricks, 0);
 }
 
-// texels whose voxel (stride * texel) lies in the box
+// Return the texels whose voxels (stride * texel) lie in the box.
 Box VolumeImage::texels_of(const Box &voxels) const
 {
     Box out;
@@ -195,11 +195,11 @@ void VolumeImage::range_of(const VolumeView &view, float &low, float &high)
     if (low > high) low = high = 0;
 }
 
-// FLOAT32: a box brought values beyond the range of the texture: texels move to a wider one.
+// Widen the range of FLOAT32 values: convert all texels to the new range.
 void VolumeImage::widen(float low, float high)
 {
     if (low >= stored_low_ && high <= stored_high_) return;
-    // a quarter more than asked for, so that a slowly growing range does not redo the texture with every box
+    // widen by an additional quarter, so that a slowly growing range does not rewrite the texture for every box
     float quarter = 0.25f * (std::max(high, stored_high_) - std::min(low, stored_low_));
     float new_low = low < stored_low_ ? low - quarter : stored_low_, new_high = high > stored_high_ ? high + quarter : stored_high_;
     if (!std::isfinite(new_low)) new_low = low;
@@ -276,7 +276,7 @@ void VolumeImage::measure_bricks(const Box &texels)
     Size first, last;
     for (int d = 0; d < 3; d++) {
         if (texels.size[d] == 0) return;
-        // a brick reads the layer behind it too
+        // a brick includes the adjacent layer behind it
         first[d] = (texels.offset[d] > 0 ? texels.offset[d] - 1 : 0) / BRICK;
         last[d] = (texels.offset[d] + texels.size[d] - 1) / BRICK;
     }
@@ -321,7 +321,7 @@ double VolumeImage::quantile(double fraction) const
 
 std::vector<double> VolumeImage::histogram(double low, double high, size_t bins) const
 {
-    std::vector<double> out(bins, 0), below(1, 0); /* how many texels lie below each limit of the bins that were counted */
+    std::vector<double> out(bins, 0), below(1, 0); /* number of texels below each limit of the stored histogram */
     for (uint64_t count : histogram_) below.push_back(below.back() + double(count));
     auto below_value = [&](double value) {
         const double place = std::min(std::max((value - value_offset_) / value_scale_, 0.0), 1.0) * double(below.size() - 1);
@@ -350,7 +350,7 @@ std::string VolumeImage::precision() const
 void VolumeImage::change(const Box &texels)
 {
     if (texels.voxels() == 0) return;
-    // what lies inside the new box goes up with it
+    // older boxes inside the new box are uploaded with it
     auto inside = [&](const Box &old) {
         for (int d = 0; d < 3; d++)
             if (old.offset[d] < texels.offset[d] || old.offset[d] + old.size[d] > texels.offset[d] + texels.size[d]) return false;
@@ -405,7 +405,7 @@ void VolumeImage::copy(const Box &box, std::vector<uint8_t> &out) const
 
 Box VolumeImage::visible_box(const std::vector<bool> &visible) const
 {
-    std::vector<int> before(visible.size() + 1, 0); // how many visible ones come before
+    std::vector<int> before(visible.size() + 1, 0); // number of visible entries before each one
     for (size_t n = 0; n < visible.size(); n++) before[n + 1] = before[n] + visible[n];
     size_t top = visible.size() - 1;
     Size low = bricks_, high{{0, 0, 0}};
@@ -423,7 +423,7 @@ Box VolumeImage::visible_box(const std::vector<bool> &visible) const
     Box box;
     for (int d = 0; d < 3; d++) {
         if (high[d] <= low[d]) return Box();
-        // a brick reaches to the first layer of the next, the first one to the volume's edge
+        // a brick extends to the first layer of the next; the first brick extends to the volume's edge
         box.offset[d] = low[d] * BRICK;
         box.size[d] = std::min(high[d] * BRICK + 1, size_[d]) - box.offset[d];
     }

@@ -39,7 +39,7 @@ VolumeVisual::VolumeVisual(Ogre::SceneManager *manager, Ogre::SceneNode *parent)
     pass->setDepthWriteEnabled(false);
     pass->setCullingMode(Ogre::CULL_NONE);
     surface_material_ = make_material(name + "/surface", volume_vertex_shader, surface_fragment_shader, false);
-    // the far sides of the box are drawn, so that the viewer may stand inside it
+    // draw the far sides of the box, so that the viewer may be inside it
     pass_of(surface_material_)->setCullingMode(Ogre::CULL_ANTICLOCKWISE);
     for (Ogre::Pass *each : {pass_of(slice_material_), pass_of(surface_material_)})
         each->getVertexProgramParameters()->setNamedAutoConstant("worldviewproj",
@@ -76,7 +76,7 @@ std::string VolumeVisual::start(const VolumeImage &image)
     stride_ = image.stride();
     try {
         texture_ = make_texture(unique_name("texture"), size_[0], size_[1], size_[2], image.bits() == 8 ? Ogre::PF_L8 : Ogre::PF_L16);
-        // what the texture really became: a driver without the format answers with another
+        // check the actual texture: a driver without the format creates a different one
         if (texture_->getWidth() != size_[0] || texture_->getHeight() != size_[1] || texture_->getDepth() != size_[2] ||
             texture_->getBuffer()->getSizeInBytes() == 0) {
             clear();
@@ -96,7 +96,7 @@ std::string VolumeVisual::start(const VolumeImage &image)
 
 void VolumeVisual::upload(const VolumeImage &image, const Box &box)
 {
-    // packed: Ogre's GL renderer mistakes the pitch of a layer that is not
+    // packed, because Ogre's GL renderer handles the pitch of a layer incorrectly
     image.copy(box, staging_);
     Ogre::PixelFormat format = image.bits() == 8 ? Ogre::PF_L8 : Ogre::PF_L16;
     Ogre::PixelBox pixels(box.size[0], box.size[1], box.size[2], format, staging_.data());
@@ -131,7 +131,7 @@ void VolumeVisual::set_visible(bool visible)
 
 void VolumeVisual::make_table()
 {
-    // opacities belong to a piece of 1/256 of the diagonal
+    // opacities refer to 1/256 of the diagonal
     Table table = pliant_rviz::make_table(look_.transfer, look_.opacity, 256.0 / std::max(look_.slices, 1u));
     Ogre::PixelBox pixels(TABLE_SIZE, 1, 1, Ogre::PF_SHORT_RGBA, table.data());
     table_->getBuffer()->blitFromMemory(pixels);
@@ -185,7 +185,7 @@ std::vector<Ogre::Vector3> VolumeVisual::corners(double beyond) const
     return out;
 }
 
-// in the volume's axes; an outermost texel reaches to the edge of its voxel, an inner one to its centre
+// Bounds in the volume's axes. An outermost texel extends to the edge of its voxel, an inner one to its centre.
 Bounds VolumeVisual::bounds_of(const Box &texels) const
 {
     Bounds bounds;
@@ -200,7 +200,7 @@ Bounds VolumeVisual::bounds_of(const Box &texels) const
     return bounds;
 }
 
-// fractions along i, j, k
+// from fractions along i, j, k
 Bounds VolumeVisual::between(const std::array<double, 3> &low, const std::array<double, 3> &high) const
 {
     Bounds bounds;
@@ -264,7 +264,7 @@ void VolumeVisual::draw_slices(const Vector &direction)
         object_->position(slices.vertices[n], slices.vertices[n + 1], slices.vertices[n + 2]);
     for (uint32_t index : slices.triangles) object_->index(index);
     object_->end();
-    /* of all that may be drawn, since views are sorted out before slices are made for them */
+    /* bounds of everything that may be drawn, because rviz culls views before slices are computed */
     const Bounds box = clipped();
     object_->setBoundingBox(Ogre::AxisAlignedBox(float(box.low[0]), float(box.low[1]), float(box.low[2]), float(box.high[0]), float(box.high[1]), float(box.high[2])));
     set_visible(true);
@@ -347,7 +347,7 @@ bool VolumeVisual::see(const VolumeImage &image, const Ogre::Vector3 &origin, co
         for (size_t d = 0; d < 3; d++) texel[d] = (from[d] + t * along[d]) / (sign_[d] * spacing_[d] * stride_);
         return image.value(texel);
     };
-    // four steps a piece of 1/256 of the diagonal, which opacities are of
+    // four steps per 1/256 of the diagonal, the unit of opacities
     const double step = diagonal() / 1024;
     const bool found = look_.isosurface ? find_surface(parts, step, [&](double t) { return value_at(t) - look_.surface; }, distance)
                                         : find_seen(parts, step, [&](double t) {

@@ -1,4 +1,4 @@
-// What rviz shows of a volume: a 3-D texture, and either slices through it or its isosurface.
+// Render a volume in rviz with a 3-D texture, as slices or as an isosurface.
 #ifndef PLIANT_RVIZ_VOLUME_VISUAL_H
 #define PLIANT_RVIZ_VOLUME_VISUAL_H
 
@@ -30,19 +30,20 @@ class SceneNode;
 
 namespace pliant_rviz {
 
-// How it looks; values in the unit of the volume (CT: Hounsfield).
+// Appearance; values in the unit of the volume (CT: Hounsfield units).
 struct Look {
     bool isosurface = false;
     Preset transfer;
-    double low = 0, high = 1; // window
+    double low = 0, high = 1; // limits of the window
     double opacity = 1;
     double shading = 1;       // 0: none, 1: full
     double surface = 0;       // value of the isosurface
     Ogre::ColourValue surface_colour;
-    unsigned slices = 256;    // over the volume's diagonal
+    unsigned slices = 256;    // number of slices over the volume's diagonal
     std::array<double, 3> clip_low{{0, 0, 0}}, clip_high{{1, 1, 1}}; // fractions along i, j, k
-    std::vector<Plane> planes; // at most one; in the volume's axes, from its voxel 0, 0, 0 [m]
-    std::array<double, 3> away_low{{0, 0, 0}}, away_high{{0, 0, 0}}; // a box that is not seen, in the same fractions; empty: there is none
+    std::vector<Plane> planes; // at most one clip plane; in the volume's axes, relative to its voxel 0, 0, 0 [m]
+    // box that is hidden, in the same fractions; empty: none
+    std::array<double, 3> away_low{{0, 0, 0}}, away_high{{0, 0, 0}};
 };
 
 class VolumeVisual : private Ogre::SceneManager::Listener {
@@ -52,35 +53,37 @@ public:
     VolumeVisual(const VolumeVisual &) = delete;
     VolumeVisual &operator=(const VolumeVisual &) = delete;
 
-    // A new, empty texture for the image. "" or why the graphics card has none.
+    // Create an empty texture for the image. Return "" or an error message.
     std::string start(const VolumeImage &image);
     void clear();
     bool has_texture() const { return bool(texture_.get()); }
-    // One box of the image to the texture.
+    // Upload one box of the image to the texture.
     void upload(const VolumeImage &image, const Box &box);
 
     void set_grid(const std::array<double, 3> &spacing, bool flipped);
     void set_pose(const Ogre::Vector3 &position, const Ogre::Quaternion &orientation);
     void set_look(const Look &look);
     const Look &look() const { return look_; }
-    // Texels outside of which nothing is visible; asks the image, after its content or the look changed.
+    // Find the texels outside which nothing is visible; call after the image's content or the look has changed.
     void find_visible(const VolumeImage &image);
     void set_visible(bool visible);
 
-    // Geometry and shader numbers for this camera; from then on, until it is made invisible, for the camera of each view as it is drawn:
-    // slices that face one of them lie edge on, or the wrong way round, for another.
+    // Create the geometry and shader parameters for this camera. Until the visual is hidden, they are also updated for
+    // the camera of each view when it is drawn, because slices for one camera are wrong for another.
     void draw(const Ogre::Camera *camera);
 
-    // Where a ray in the fixed frame meets what is seen [m], and the value there; false: nowhere. Unit direction.
+    // Find where a ray in the fixed frame meets the visible part [m], and the value there; false: nothing visible.
+    // direction: unit vector
     bool see(const VolumeImage &image, const Ogre::Vector3 &origin, const Ogre::Vector3 &direction, double *distance, double *value) const;
 
     size_t slices_drawn() const { return slices_drawn_; }
     double diagonal() const; // of the whole volume [m]
-    Ogre::Vector3 middle() const; // of it, in the fixed frame
-    // Of the part that may be drawn, in the fixed frame; none: nothing is. beyond: so much larger on each side, as part of its diagonal.
+    Ogre::Vector3 middle() const; // centre of the volume in the fixed frame
+    // Return the corners of the visible part in the fixed frame; empty: nothing is visible.
+    // beyond: extension on each side, as a fraction of its diagonal
     std::vector<Ogre::Vector3> corners(double beyond) const;
-    const Ogre::SceneNode &node() const { return *node_; } // of the volume's own axes
-    Bounds clipped() const;                     // what may be drawn, in these [m]
+    const Ogre::SceneNode &node() const { return *node_; } // node with the volume's axes
+    Bounds clipped() const;                     // visible part, in these axes [m]
     bool draws() const { return has_texture() && visible_.voxels() > 0 && !clipped().empty(); }
 
 private:
@@ -107,8 +110,8 @@ private:
     Box visible_;
     Look look_;
     size_t slices_drawn_ = 0;
-    bool drawn_ = false;   // there is something to be seen
-    Vector facing_{{0, 0, 0}}; // direction that the slices were made for
+    bool drawn_ = false;   // whether something is visible
+    Vector facing_{{0, 0, 0}}; // view direction for which the slices were computed
 };
 
 } // namespace pliant_rviz

@@ -4,14 +4,15 @@
 
 #include <stddef.h>
 
-/* Something that is made of tetrahedra. */
+/* A feature that requires tetrahedra. */
 typedef struct tetrahedral {
     bool asked;
     const char *what;    /* option and reason */
-    const char *instead; /* what goes with hexahedra; NULL: it goes, but tetrahedra are surer */
+    const char *instead; /* alternative with hexahedra; NULL: hexahedra work, but tetrahedra are more robust */
 } tetrahedral;
 
-/* The first such thing that a scene asks for; .what NULL: none. alone: that goes with nothing else. */
+/* Return the first such feature that a scene requests; .what NULL: none.
+ * alone: only features that do not work with hexahedra */
 static tetrahedral first_tetrahedral(const pliant_scene *scene, bool alone)
 {
     const bool tled = scene->solver.kind == PLIANT_TLED;

@@ -26,7 +26,7 @@ static const char *const grasp_names[] = {PLIANT_GRASP_LIST(CHOICE_NAME) NULL};
 static const char *const response_names[] = {PLIANT_RESPONSE_LIST(CHOICE_NAME) NULL};
 #undef CHOICE_NAME
 
-/* a choice is read and written through an int */
+/* enumerations are read and written through an int */
 _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == sizeof(int) &&
                    sizeof(pliant_backend_choice) == sizeof(int) &&
                    sizeof(pliant_preconditioner_choice) == sizeof(int) && sizeof(pliant_scalar) == sizeof(int) &&
@@ -35,7 +35,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
                    sizeof(pliant_measure) == sizeof(int) && sizeof(pliant_response) == sizeof(int) && sizeof(pliant_grasp_kind) == sizeof(int),
                "choices have the size of an int");
 
-/* kind, default as a number, default as a string, names of the choices */
+/* kind, numeric default, text default, names of the enumeration */
 #define KIND_BOOL(value) PLIANT_OPTION_BOOL, value, NULL, NULL
 #define KIND_INT(value) PLIANT_OPTION_INT, value, NULL, NULL
 #define KIND_INT3(value) PLIANT_OPTION_INT3, value, NULL, NULL
@@ -60,7 +60,7 @@ _Static_assert(sizeof(pliant_method) == sizeof(int) && sizeof(pliant_touch) == s
 #define KIND_RESPONSE(value) PLIANT_OPTION_CHOICE, value, NULL, response_names
 #define KIND_LAW(value) PLIANT_OPTION_CHOICE, value, NULL, law_names
 
-/* one row of a group's list as an entry of the table; the second step lets KIND_ spread into its four values */
+/* convert one row of a group's list to a table entry; the second macro expands KIND_ to its four values */
 #define ROW(group, kind, name, value, low, high, unit, text) \
     ENTRY(group, name, low, high, unit, text, KIND_##kind(value))
 #define ENTRY(...) ENTRY_OF(__VA_ARGS__)
@@ -93,7 +93,7 @@ static const pliant_option table[] = {
 };
 enum { NUM_OPTIONS = sizeof table / sizeof *table, TEXT_SIZE = 128 };
 
-/* one entry for every option of every group, so that a new group cannot be forgotten above */
+/* one entry for every option of every group; detects a group missing above */
 #define COUNT_OPTION(kind, name, value, low, high, unit, text) +1
 #define COUNT_GROUP(group, list) list(COUNT_OPTION)
 _Static_assert((int)NUM_OPTIONS == 0 PLIANT_SCENE_GROUPS(COUNT_GROUP), "a group of the scene is not in the table");
@@ -167,7 +167,7 @@ static const char *range_of(const pliant_option *option)
     return pliant_scene_options(&count)[option - table].range;
 }
 
-/* "'2.5' is not a whole number in 1 .. 8 cells" */
+/* Write "'2.5' is not a whole number in 1 .. 8 cells" to reason. */
 static const char *not_in_range(const pliant_option *option, const char *word, char *reason, size_t size)
 {
     bool integer = option->kind == PLIANT_OPTION_INT || option->kind == PLIANT_OPTION_INT3;
@@ -179,7 +179,7 @@ static const char *not_in_range(const pliant_option *option, const char *word, c
     return reason;
 }
 
-/* Bytes of the option's value. */
+/* Return the size of the option's value in bytes. */
 static size_t size_of(const pliant_option *option)
 {
     switch (option->kind) {
@@ -195,7 +195,7 @@ static size_t size_of(const pliant_option *option)
     return 0;
 }
 
-/* One word into place k of the option's value at `place`. */
+/* Read one word to component k of the option's value at `place`. */
 static const char *read_word(const pliant_option *option, const char *word, int k, void *place, char *reason,
                              size_t size)
 {
@@ -236,7 +236,7 @@ static const char *read_word(const pliant_option *option, const char *word, int 
     return not_in_range(option, word, reason, size);
 }
 
-/* "'7' is 1 value; use three whole numbers in 1 .. 256 cells, as [7, 7, 7]" */
+/* Write "'7' is 1 value; use three whole numbers in 1 .. 256 cells, as [7, 7, 7]" to reason. */
 static const char *not_as_many(const pliant_option *option, const char *const *words, int number, char *reason, size_t size)
 {
     char given[TEXT_SIZE] = "";
@@ -252,7 +252,7 @@ static const char *not_as_many(const pliant_option *option, const char *const *w
 const char *pliant_option_read(const pliant_option *option, const char *const *words, int number, pliant_scene *scene,
                                char *reason, size_t size)
 {
-    /* on a copy of the scene's value, so that two good words before a bad one change nothing */
+    /* work on a copy, so that an error in a later word changes nothing */
     pliant_scene trial = *scene;
     if (number != words_of(option)) return not_as_many(option, words, number, reason, size);
     for (int k = 0; k < number; ++k)

@@ -17,7 +17,7 @@ void pliant_scene_defaults(pliant_scene *scene)
     for (size_t i = 0; i < count; ++i) pliant_option_set_default(&options[i], scene);
 }
 
-/* Cut "[7, 7, 7]" or "7 7 7" into its words, in place. Returns how many there are; only three are kept. */
+/* Split "[7, 7, 7]" or "7 7 7" into words, in place. Return the number of words; at most three are stored. */
 static int split(char *text, const char *words[3])
 {
     static const char between[] = " ,\t[]";
@@ -97,7 +97,8 @@ static bool same_value(const pliant_option *option, const pliant_scene *a, const
     case PLIANT_OPTION_LENGTH: return memcmp(x, y, sizeof(double)) == 0;
     case PLIANT_OPTION_REAL3: return memcmp(x, y, 3 * sizeof(double)) == 0;
     case PLIANT_OPTION_STRING: return strcmp(x, y) == 0;
-    case PLIANT_OPTION_CHOICE: return memcmp(x, y, sizeof(pliant_method)) == 0; /* enums are of one size */
+    /* all enumerations have the same size */
+    case PLIANT_OPTION_CHOICE: return memcmp(x, y, sizeof(pliant_method)) == 0;
     }
     return true;
 }

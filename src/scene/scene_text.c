@@ -1,4 +1,4 @@
-/* A scene as YAML: what scene_yaml.c reads. */
+/* Write a scene as YAML that scene_yaml.c reads. */
 #include "pliant/session.h"
 #include "scene/options.h"
 #include "scene/yaml.h"

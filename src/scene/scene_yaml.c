@@ -16,7 +16,7 @@ enum { MAX_OPTIONS = 96, MAX_GROUPS = 16, REASON_SIZE = 320 };
 _Static_assert((int)MAX_OPTIONS >= 0 PLIANT_SCENE_GROUPS(COUNT_OPTIONS), "room for every option");
 _Static_assert((int)MAX_GROUPS >= 0 PLIANT_SCENE_GROUPS(COUNT_GROUP), "room for every group");
 
-/* The document as it stands. An option is a char * (one word), or a char ** to three words, or NULL (not named). */
+/* The document as text. An option is a char * (one word), a char ** to three words, or NULL (missing). */
 typedef struct text_box { char **low, **high; } text_box;
 typedef struct text_plane { char **point, **normal; } text_plane;
 typedef struct text_regions {
@@ -48,9 +48,9 @@ static const cyaml_schema_field_t region_fields[] = {
     CYAML_FIELD_END,
 };
 
-/* libcyaml's schema of a scene, made from the table of options. */
+/* Schema of a scene for libcyaml, generated from the table of options. */
 typedef struct scene_schema {
-    cyaml_schema_field_t groups[MAX_GROUPS + 3]; /* and fixed, obstacles, and the end */
+    cyaml_schema_field_t groups[MAX_GROUPS + 3]; /* including fixed, obstacles, and the terminator */
     cyaml_schema_field_t options[MAX_OPTIONS + MAX_GROUPS];
     cyaml_schema_value_t value;
 } scene_schema;
@@ -99,7 +99,7 @@ static pliant_status refuse(const char *text, const char *name, const char *grou
     return pliant_fail(PLIANT_ERROR_SCENE, "%s: %s%s/%s: %s", name, line, group, key, reason);
 }
 
-/* A file named in a scene lies relative to the scene. */
+/* Make the path of a file in a scene relative to the scene file. */
 static bool make_relative(const char *base, char path[256])
 {
     char joined[512];
@@ -147,7 +147,7 @@ static bool read_vector(char *const *words, double out[3], char *reason)
     return true;
 }
 
-/* in a list of a group */
+/* Report an error in an entry of a group's list. */
 static pliant_status refuse_region(const char *text, const char *name, const char *group, const char *list, const char *key, uint32_t region, const char *reason)
 {
     char path[48];

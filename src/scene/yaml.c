@@ -14,15 +14,16 @@
 
 enum { MESSAGE_SIZE = 512, PATH_DEPTH = 8, KEY_SIZE = 64, MOST_TEXT = 64 << 20 };
 
-/* What libcyaml says about one failure: the first line is the reason, the others tell where, innermost first. */
+/* libcyaml's messages about one failure: the first line is the reason; the others give the location, innermost
+ * first. */
 typedef struct complaint {
     char reason[MESSAGE_SIZE];
     char where[PATH_DEPTH][KEY_SIZE]; /* names of mapping fields, innermost first */
     int depth;
-    int line; /* 0: not known */
+    int line; /* 0: unknown */
 } complaint;
 
-/* Some editors write one before UTF-8. */
+/* Skip the byte order mark that some editors write before UTF-8. */
 static void skip_byte_order_mark(char *text, size_t size)
 {
     static const char mark[] = "\xEF\xBB\xBF";
@@ -98,7 +99,7 @@ static void listen(cyaml_log_t level, void *context, const char *format, va_list
     }
 }
 
-/* Return the schema's value that the complaint is about. NULL: not known. */
+/* Return the schema value at the location of the failure; NULL: unknown. */
 static const cyaml_schema_value_t *value_at(const complaint *c, const cyaml_schema_value_t *value)
 {
     for (int level = c->depth; level > 0; --level) {
@@ -112,7 +113,7 @@ static const cyaml_schema_value_t *value_at(const complaint *c, const cyaml_sche
     return value;
 }
 
-/* The keys that the mapping at the place of the complaint may hold, "" when it is not a mapping. */
+/* List the keys that the mapping at the location may have; "" if it is not a mapping. */
 static void list_keys(const complaint *c, const cyaml_schema_value_t *value, char *out, size_t size)
 {
     size_t used = 0;
@@ -135,7 +136,8 @@ static void describe(const cyaml_schema_value_t *value, char *out, size_t size)
     else snprintf(out, size, "use one value, without brackets; several names are one text with commas between");
 }
 
-/* Translate libcyaml's complaint about a value's kind or length: " is '7'; use a list ...". false: it is another complaint. */
+/* Translate libcyaml's message about the type or length of a value: " is '7'; use a list ...". Return false for another
+ * message. */
 static bool say_kind(const complaint *c, const char *text, const cyaml_schema_value_t *schema, char *out, size_t size)
 {
     static const char expecting[] = "Expecting ", few[] = "Insufficient entries (", many[] = "Excessive entries (";
@@ -149,7 +151,7 @@ static bool say_kind(const complaint *c, const char *text, const cyaml_schema_va
     if (strncmp(c->reason, expecting, sizeof expecting - 1) != 0 || !event) return false;
     event += strlen("got event: ");
     for (int n = 1; line && n < c->line; ++n) line = (line = strchr(line, '\n')) ? line + 1 : NULL;
-    if (c->line && line && strncmp(event, "SCALAR", 6) == 0) { /* the text behind its key */
+    if (c->line && line && strncmp(event, "SCALAR", 6) == 0) { /* the text after the key */
         const char *key = strstr(line, c->where[0]), *end = line + strcspn(line, "\n");
         const char *from = key && key < end ? key + strlen(c->where[0]) + strspn(key + strlen(c->where[0]), "'\": ") : end;
         size_t length = strcspn(from, "\r\n#,}]");
@@ -167,7 +169,7 @@ static pliant_status explain(complaint *c, const char *text, const char *name, c
     char line[32] = "", keys[MESSAGE_SIZE] = "", place[MESSAGE_SIZE] = "", kind[2 * MESSAGE_SIZE];
     size_t used = 0;
     if (strncmp(c->reason, unknown, sizeof unknown - 1) == 0) {
-        /* libcyaml's line is the one of the key before */
+        /* libcyaml reports the line of the previous key */
         int exact = pliant_yaml_line(text, c->reason + sizeof unknown - 1, 0, c->line ? c->line : 1);
         if (exact) c->line = exact;
         list_keys(c, schema, keys, sizeof keys);
@@ -210,7 +212,7 @@ int pliant_yaml_line(const char *text, const char *key, int occurrence, int from
         if (*c == '\n') ++line;
         bool starts = isspace((unsigned char)before) || strchr("{,'\"", before);
         if (*c == '#' && isspace((unsigned char)before)) {
-            /* on to the last character of the comment */
+            /* skip to the last character of the comment */
             while (c[1] && c[1] != '\n') ++c;
         } else if (line >= from && starts && strncmp(c, key, length) == 0) {
             const char *after = c + length;
@@ -224,7 +226,7 @@ int pliant_yaml_line(const char *text, const char *key, int occurrence, int from
 
 bool pliant_parse_real(const char *text, double *out)
 {
-    /* a host program may have set a locale with a decimal comma */
+    /* the host program may use a locale with a decimal comma */
     locale_t plain = newlocale(LC_NUMERIC_MASK, "C", (locale_t)0);
     if (!plain) return false;
     locale_t old = uselocale(plain);

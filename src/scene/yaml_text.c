@@ -1,4 +1,4 @@
-/* Words and numbers as YAML takes them. */
+/* Write words and numbers as YAML. */
 #include "scene/yaml.h"
 
 #include <stdio.h>
@@ -24,7 +24,7 @@ void pliant_text_add_real(pliant_text_out *text, double value)
     char digits[40];
     for (int precision = 6; precision <= 17; ++precision) {
         snprintf(digits, sizeof digits, "%.*g", precision, value);
-        if (strtod(digits, NULL) == value) break; /* by the same locale */
+        if (strtod(digits, NULL) == value) break; /* snprintf and strtod use the same locale */
     }
     for (char *c = digits; *c; ++c) add_char(text, strchr("+-0123456789e", *c) ? *c : '.');
 }
@@ -35,7 +35,7 @@ void pliant_text_add_quoted(pliant_text_out *text, const char *words)
     for (; *words; ++words) {
         const unsigned char c = (unsigned char)*words;
         char escaped[5];
-        if (c < 0x20 || c == 0x7f) { /* not printable: YAML 1.2, 5.1 and 5.7 */
+        if (c < 0x20 || c == 0x7f) { /* not printable (YAML 1.2, 5.1 and 5.7) */
             snprintf(escaped, sizeof escaped, "\\x%02X", c);
             pliant_text_add(text, escaped);
             continue;

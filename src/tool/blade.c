@@ -11,12 +11,12 @@
 
 enum { MOST_POINTS = 4096 };
 
-/* ---- named blades: sizes that are usual in endoscopic instruments */
+/* ---- named blades, with common sizes of endoscopic instruments */
 
 static const struct { const char *name; double from[3], to[3]; } blades[] = {
     {"scalpel", {0, 0, -0.02}, {0, 0, 0}},  /* along the instrument */
-    {"scissors", {0, 0, -0.01}, {0, 0, 0}}, /* where its two blades meet */
-    {"hook", {0, 0.004, 0}, {0, 0, 0}},     /* across it */
+    {"scissors", {0, 0, -0.01}, {0, 0, 0}}, /* where the two blades meet */
+    {"hook", {0, 0.004, 0}, {0, 0, 0}},     /* across the instrument */
 };
 
 pliant_status pliant_blade_find(const char *name, double from[3], double to[3])
@@ -30,7 +30,7 @@ pliant_status pliant_blade_find(const char *name, double from[3], double to[3])
     return pliant_fail(PLIANT_ERROR_ARGUMENT, "there is no blade '%.48s': scalpel, scissors and hook are known", name);
 }
 
-/* ---- what a tool is told */
+/* ---- settings of a blade */
 
 double pliant_blade_length(const pliant_blade *blade)
 {
@@ -132,7 +132,8 @@ void pliant_blade_points(const pliant_blade *blade, const double tip[3], const d
     }
 }
 
-/* squares[p]: how far the nearest point of the edge is that is in tissue, at most its reach. Whether any is in none. */
+/* Compute for each point of the edge the squared distance to the nearest point of the edge in tissue, at most the
+ * squared reach. Return whether a point is outside tissue. */
 static bool measure_along(const pliant_edge *edge, double spacing, double *squares)
 {
     bool any = false;
@@ -148,11 +149,13 @@ static bool measure_along(const pliant_edge *edge, double spacing, double *squar
     return any;
 }
 
-/* Tissue that comes over a point beside it passes it by: what the point goes with is nearest, a node or a point of the edge that is in tissue. */
+/* For each edge point outside tissue, find the nearest mesh node, unless an edge point in tissue is nearer. The point
+ * moves with that node, so that tissue cannot move past it undetected. */
 static void find_beside(const pliant_data *data, pliant_edge *edge)
 {
     const double *first = edge->now, *last = edge->now + 3 * (edge->count - 1);
-    double along[3], low[3], high[3], spacing = 0, *squares = edge->apart; /* until it is written */
+    /* used as a buffer until the offsets are written below */
+    double along[3], low[3], high[3], spacing = 0, *squares = edge->apart;
     for (int d = 0; d < 3; d++) {
         along[d] = (last[d] - first[d]) / (edge->count - 1);
         spacing += along[d] * along[d];
@@ -208,7 +211,7 @@ void pliant_blade_end(pliant_tool *tool)
     pliant_blade_loosen(tool);
     free_edge(&blade->edge);
     blade->under_way = blade->failed = false;
-    memset(blade->rotation, 0, sizeof blade->rotation); /* no pose to come from */
+    memset(blade->rotation, 0, sizeof blade->rotation); /* the blade has no previous pose */
     blade->engaged_length = 0;
 }
 
@@ -229,7 +232,8 @@ static void place_of(const pliant_mesh *mesh, const double *positions, const pli
     }
 }
 
-/* What is beside the tissue goes with its nearest point that is in it: no edge and no link on the surface slips through between the two. */
+/* Move edge points outside tissue with their nearest edge point in tissue, so that no surface edge or link passes
+ * between the two. */
 static void follow_beside(const pliant_edge *edge, int32_t p, const double from[3])
 {
     const double *to = edge->place + 3 * p;
@@ -238,7 +242,8 @@ static void follow_beside(const pliant_edge *edge, int32_t p, const double from[
         while (last >= 0 && last < edge->count && edge->tet[last] < 0) last += way;
         const bool up_to_next = last >= 0 && last < edge->count;
         for (; end != last; end += way) {
-            if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break; /* nearer to the next one, or as near */
+            /* the next point in tissue is nearer, or as near */
+            if (up_to_next && (last - end) * way < (end - p) * way + (way > 0)) break;
             if (edge->beside[end] >= 0) continue;
             for (int d = 0; d < 3; d++) edge->place[3 * end + d] += to[d] - from[d];
         }
@@ -312,7 +317,7 @@ void pliant_blade_middle(const pliant_edge *edge, const double *points, double o
     for (int d = 0; d < 3; d++) out[d] = 0.5 * (points[d] + points[3 * (edge->count - 1) + d]);
 }
 
-/* ---- its hold */
+/* ---- constraint between blade and tissue */
 
 typedef struct held_node { int32_t node; double weight; } held_node;
 

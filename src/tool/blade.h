@@ -1,4 +1,4 @@
-/* Edges of blades: where they are, what of the tissue they are in, and the hold by which they drag it along. */
+/* Blade edges: their position, the tissue that contains their points, and the constraint by which they drag tissue. */
 #ifndef PLIANT_INTERACT_BLADE_H
 #define PLIANT_INTERACT_BLADE_H
 
@@ -8,41 +8,45 @@
 extern "C" {
 #endif
 
-/* Arrays of so many points, all 0. *edge is overwritten; empty on errors. Errors: MEMORY. */
+/* Allocate an edge with `count` points, zeroed. *edge is overwritten; it is empty on errors. Errors: MEMORY. */
 pliant_status pliant_edge_create(int32_t count, double reach, pliant_edge *edge);
 
 bool pliant_blade_is_there(const pliant_blade *blade);
 double pliant_blade_length(const pliant_blade *blade); /* [m] */
-/* Begin a stroke with the edge where the tool is now, points at most `spacing` [m] apart, which go with tissue no more than `reach` [m] beside
- * them. Errors: MEMORY (none is under way). */
+/* Begin a stroke with the edge at the tool's current position. Points are at most `spacing` [m] apart, and follow
+ * tissue at most `reach` [m] away. Errors: MEMORY (no stroke has begun). */
 pliant_status pliant_blade_begin(pliant_data *data, int tool, double spacing, double reach);
-/* Whether the blade has a previous pose: the pose of the last step, or the tool's pose when the blade was switched on. */
+/* Return whether the blade has a previous pose: the pose of the last step, or the tool's pose when the blade was
+ * switched on. */
 bool pliant_blade_has_pose(const pliant_blade *blade);
-/* The stroke is over; the blade stays. */
+/* End the stroke; the blade stays. */
 void pliant_blade_end(pliant_tool *tool);
-/* And what it has cut is forgotten. */
+/* End the stroke and clear the record of what it has cut. */
 void pliant_blade_reset(pliant_tool *tool);
-/* Of another tool on the next body, at these positions: copied, with the tissue that its points go with. Errors: MEMORY; end it then, too. */
+/* Copy a blade to the next body at these positions, including the tissue that its points follow. Errors: MEMORY;
+ * pliant_blade_end is needed then, too. */
 pliant_status pliant_blade_carry(pliant_blade *blade, const pliant_blade *from, const pliant_data *data, const pliant_body *next,
                                  const double *positions);
 
-/* Points of the edge of a tool in a pose. @param out (edge.count x 3) */
+/* Compute the points of a tool's edge at a pose.
+ * @param out (edge.count x 3) */
 void pliant_blade_points(const pliant_blade *blade, const double tip[3], const double rotation[4], double *out);
-/* Points in tissue, and beside it, to where it is now. */
+/* Move the points in tissue, and near tissue, to the tissue's current position. */
 void pliant_blade_follow(const pliant_data *data, pliant_edge *edge);
-/* The edge is at `now` from here on: what of the tissue its points go with. */
+/* Move the edge to `now`, and find the tissue that its points follow. */
 void pliant_blade_settle(const pliant_data *data, pliant_edge *edge);
-/* Points in no tissue go on towards `now` until they meet some, looked for every `spacing` [m]. */
+/* Move the points outside tissue towards `now` until they enter tissue, which is tested every `spacing` [m]. */
 void pliant_blade_touch(const pliant_data *data, pliant_edge *edge, double spacing);
 int32_t pliant_blade_num_inside(const pliant_edge *edge);
 
-/* Middle of the edge, of its points `now` or of others. */
+/* Return the midpoint of the edge.
+ * points: `now` or other positions of the points */
 void pliant_blade_middle(const pliant_edge *edge, const double *points, double out[3]);
-/* The tool holds what the edge is in, each point alike. Errors: MEMORY. */
+/* Constrain the tool to the tissue at the edge, with equal weights. Errors: MEMORY. */
 pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool);
-/* And lets go of it, and feels nothing. */
+/* Remove this constraint and set the force to zero. */
 void pliant_blade_loosen(pliant_tool *tool);
-/* What the blade takes, once the tissue is solved for: at least its own spring. */
+/* Compute the blade's force after the solve; at least the force of its own spring. */
 void pliant_blade_feel(pliant_tool *tool);
 
 #ifdef __cplusplus

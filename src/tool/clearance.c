@@ -12,12 +12,12 @@
 #include <string.h>
 
 struct pliant_clearance {
-    pliant_outside outside;    /* empty where elements touch with their own faces */
-    uint64_t revision;         /* of the body that the lists are of; 0: none */
+    pliant_outside outside;    /* empty if contact uses the elements' own faces */
+    uint64_t revision;         /* of the body of the lists; 0: none */
     int32_t num_corners, num_triangles;
-    int32_t *corner;           /* (num_corners) nodes of the surface, ascending */
-    int32_t *triangle;         /* (num_triangles x 3) into these, outwards */
-    double *place;             /* (num_corners x 3) [m] */
+    int32_t *corner;           /* (num_corners) surface nodes, ascending */
+    int32_t *triangle;         /* (num_triangles x 3) indices into corner, oriented outwards */
+    double *place;             /* (num_corners x 3) positions [m] */
 };
 
 pliant_clearance *pliant_clearance_create(void) { return pliant_calloc(1, sizeof(pliant_clearance)); }
@@ -40,9 +40,9 @@ void pliant_clearance_free(pliant_clearance *clearance)
     pliant_free(clearance);
 }
 
-/* ---- of a body */
+/* ---- surface of a body */
 
-/* List the nodes of the surface, and its triangles by these. */
+/* List the nodes of the surface, and its triangles as indices of these. */
 static pliant_status list_corners(pliant_clearance *clearance, const pliant_body *surface)
 {
     const int32_t nodes = surface->fine.num_nodes;
@@ -75,7 +75,7 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
     const pliant_body *surface = data->body;
     if (clearance->revision == data->body->revision) return PLIANT_OK;
     free_lists(clearance);
-    if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* as contact (sim/step/contact.c) */
+    if (model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE) { /* same surface as contact (sim/step/contact.c) */
         const pliant_outside_voxels voxels = {.load = model->body, .geometry = &model->scan->geometry, .material_of_voxel = model->material_of_voxel, .materials = &model->materials,
                                               .touches_itself = model->scene.contact.self || model->scene.material.slides[0],
                                               .threads = data->discretization->system->num_threads};
@@ -88,7 +88,7 @@ static pliant_status set_body(const pliant_model *model, const pliant_data *data
     return status;
 }
 
-/* ---- a point */
+/* ---- distance of a point */
 
 static double min3(double a, double b, double c)
 {
@@ -96,7 +96,7 @@ static double min3(double a, double b, double c)
     return least < c ? least : c;
 }
 
-/* A box around the triangle: the squared distance to it is at most that to the triangle. */
+/* Return the squared distance to the triangle's bounding box, a lower bound of the distance to the triangle. */
 static double squared_distance_to_box(const double p[3], const double *a, const double *b, const double *c)
 {
     double sum = 0;
@@ -115,7 +115,8 @@ static double squared_distance(const double p[3], const double *a, const double 
     return sum;
 }
 
-/* Whether the edge crosses the ray from the point along x, in the plane of x and y. Two triangles of an edge compute the same bits. */
+/* Return whether an edge crosses the ray from the point along x, in the xy plane. Both triangles of an edge compute the
+ * same result. */
 static bool crosses(const double p[3], const double *a, const double *b)
 {
     const double *low = a[1] > p[1] ? b : a, *high = a[1] > p[1] ? a : b;
@@ -123,8 +124,8 @@ static bool crosses(const double p[3], const double *a, const double *b)
     return low[0] + (p[1] - low[1]) / (high[1] - low[1]) * (high[0] - low[0]) > p[0];
 }
 
-/* Return the part of a triangle in the winding number of a closed surface around a point. It is 1 where the ray along z leaves through the triangle, and -1 where
- * it enters. */
+/* Return a triangle's contribution to the winding number of a closed surface around a point: 1 if the ray along z
+ * leaves through the triangle, -1 if it enters. */
 static int winding_of(const double p[3], const double *a, const double *b, const double *c)
 {
     if (crosses(p, a, b) + crosses(p, b, c) + crosses(p, c, a) != 1) return 0;
@@ -139,7 +140,7 @@ static int winding_of(const double p[3], const double *a, const double *b, const
     return n[2] < 0 && height < 0 ? -1 : 0;
 }
 
-/* Negative inside; +infinity without a surface. */
+/* Return the signed distance: negative inside, +infinity without a surface. */
 static double signed_distance(const pliant_clearance *clearance, const double p[3])
 {
     double nearest = INFINITY;

@@ -1,4 +1,5 @@
-/* Signed distance of a point to the surface that contact uses (contact/detect/outside.h), at the positions of the last step. */
+/* Signed distance of a point to the surface that contact uses (contact/detect/outside.h), at the positions of the last
+ * step. */
 #ifndef PLIANT_TOOL_CLEARANCE_H
 #define PLIANT_TOOL_CLEARANCE_H
 
@@ -8,10 +9,10 @@
 extern "C" {
 #endif
 
-/* One for a simulation, empty until the first distance is asked for. NULL: no memory */
+/* Create the data for a simulation; empty until the first query. NULL: out of memory. */
 pliant_clearance *pliant_clearance_create(void);
 void pliant_clearance_free(pliant_clearance *clearance); /* Nullable */
-/* Of a point [m]; below 0 inside, NAN without memory. */
+/* Return the signed distance of a point [m]: negative inside, NAN without memory. */
 double pliant_clearance_of(const pliant_model *model, const pliant_data *data, const double p[3]);
 
 #ifdef __cplusplus

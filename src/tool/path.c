@@ -13,14 +13,14 @@
 
 enum { MOST_KEYS = 1000000, REASON_SIZE = 512 };
 
-/* The document as it stands, before its numbers are read. */
+/* The document as text, before its numbers are read. */
 typedef struct text_key {
     char *time;
-    char **offset, **force, **acceleration; /* one of them */
+    char **offset, **force, **acceleration; /* only one of them is set */
 } text_key;
 
 typedef struct text_blade {
-    char *name, **from, **to; /* either */
+    char *name, **from, **to; /* name, or from and to */
 } text_blade;
 
 typedef struct text_pose {
@@ -138,7 +138,7 @@ static const cyaml_schema_field_t path_fields[] = {
 };
 static const cyaml_schema_value_t path_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_path, path_fields)};
 
-/* One number; says "field: 'text' is not a number" in reason. */
+/* Read a number, or write "field: 'text' is not a number" to reason. */
 static bool read_number(const char *field, const char *text, double *out, char reason[REASON_SIZE])
 {
     if (pliant_parse_real(text, out)) return true;
@@ -153,8 +153,9 @@ static bool read_numbers(const char *field, char **text, int count, double *out,
     return true;
 }
 
-/* Times count from the start of a run. A later one is a clock's: seconds, milliseconds or nanoseconds since 1970. */
-static const double latest = 1e8; /* [s]: three years */
+/* Maximum time. Times count from the start of a run; larger values are probably seconds, milliseconds or nanoseconds
+ * since 1970. */
+static const double latest = 1e8; /* three years [s] */
 
 static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZE])
 {
@@ -164,7 +165,7 @@ static bool is_of_a_clock(const char *field, double time, char reason[REASON_SIZ
     return true;
 }
 
-/* "time: must be ...", or nothing */
+/* Check a time, or write "time: must be ..." to reason. */
 static bool check_time(const char *field, double time, bool after, double before, char reason[REASON_SIZE])
 {
     if (is_of_a_clock(field, time, reason)) return false;
@@ -185,7 +186,8 @@ static bool read_drive(const char *text, pliant_drive *out, char reason[REASON_S
     return false;
 }
 
-/* The words of one kind of value. Gives their name, and in *words the three of them; NULL and a reason where there is another. */
+/* Find the value of a key: return its name, and its three words in *words. Return NULL and a reason for an unsuitable
+ * value. */
 static const char *value_of(const text_key *key, bool gravity, bool by_force, char ***words, char reason[REASON_SIZE])
 {
     *words = gravity ? key->acceleration : by_force ? key->force : key->offset;
@@ -203,7 +205,7 @@ static const char *value_of(const text_key *key, bool gravity, bool by_force, ch
     return NULL;
 }
 
-/* false without a reason: out of memory */
+/* Return false; an empty reason means that memory is exhausted. */
 static bool read_keys(const text_key *text, uint32_t count, bool gravity, bool by_force, pliant_path_key **out, char reason[REASON_SIZE])
 {
     const char *time = gravity ? "gravity/time" : "motion/time";
@@ -220,7 +222,7 @@ static bool read_keys(const text_key *text, uint32_t count, bool gravity, bool b
     return true;
 }
 
-/* Numbers that are right by themselves and look like another unit. Forces that move tissue are newtons, ways centimetres. */
+/* Warn about valid numbers that suggest another unit. Typical forces are newtons, typical displacements centimetres. */
 static void hint_at_units(const char *file, const pliant_path_tool *tool)
 {
     double largest = 0.0;
@@ -233,7 +235,7 @@ static void hint_at_units(const char *file, const pliant_path_tool *tool)
         pliant_log(PLIANT_LOG_WARNING, "%s: tool %s goes %g m far: offsets are in metres; were millimetres meant?", file, tool->name, largest);
 }
 
-/* Nothing moves before the first time of all. */
+/* Warn about a late start. Nothing moves before the first time of all tools. */
 static void hint_at_start(const char *file, const pliant_path *path)
 {
     const double late = 600; /* [s] */
@@ -306,7 +308,7 @@ static bool read_spans(const text_tool *text, pliant_path_tool *out, char reason
     return true;
 }
 
-/* A tool that goes from pose to pose. */
+/* Read a tool that moves from pose to pose. */
 static bool read_posed(const text_tool *text, const char *file, pliant_path_tool *out, char reason[REASON_SIZE])
 {
     if (text->grasp || text->motion || text->drive || text->release) {
@@ -378,7 +380,8 @@ static pliant_status read_probes(const text_path *text, const char *yaml, const 
     return PLIANT_OK;
 }
 
-/* of tools, their blades and shapes: libcyaml has accepted the document, and every tool has one name, which comes first */
+/* Return the number of names in the document before a tool: names of tools, blades and shapes. libcyaml has accepted the
+ * document, and every tool starts with exactly one name. */
 static int names_before(const text_path *text, uint32_t tool)
 {
     int count = 0;
@@ -498,7 +501,7 @@ bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3])
     return tool->release <= 0.0 || time < tool->release;
 }
 
-/* The poses before and after a time, and how far it is between them. */
+/* Find the poses before and after a time. Return the interpolation fraction between them. */
 static double find_poses(const pliant_path_tool *tool, double time, const pliant_path_pose **before, const pliant_path_pose **after)
 {
     uint32_t next = 0;
@@ -528,7 +531,7 @@ double pliant_path_jaw_at(const pliant_path_tool *tool, double time)
 
 bool pliant_path_cuts(const pliant_path_tool *tool, double time)
 {
-    const double rounding = 1e-9; /* times are counts of steps times the length of one [s] */
+    const double rounding = 1e-9; /* tolerance [s]: times are multiples of the step length */
     for (uint32_t n = 0; n < tool->num_cut; ++n)
         if (time >= tool->cut[n].from - rounding && time <= tool->cut[n].to + rounding) return true;
     return false;

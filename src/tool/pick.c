@@ -1,4 +1,4 @@
-/* A ray marched through the deformed volume to its isosurface ([H] 3.2). */
+/* Follow a ray through the deformed volume to its isosurface ([H] 3.2). */
 #include "base/fail.h"
 #include "pliant/cut.h"
 #include "pliant/pick.h"
@@ -6,10 +6,10 @@
 #include "state/model.h"
 #include "warp/state.h"
 
-/* the surface of the tissue and the isosurface may lie this many voxels apart: the volume is interpolated across it */
+/* maximum distance between the tissue's surface and the isosurface, caused by interpolation [voxels] */
 static const double skin = 2.0;
 
-/* clip the ray against the box of the voxels' edges; false: it passes by */
+/* Clip the ray to the box of the voxels' edges; false: it misses the box. */
 static bool enter_box(const pliant_geometry *geometry, const double origin[3], const double unit[3], double near, double far,
                       march_ray *ray)
 {
@@ -33,7 +33,8 @@ static bool enter_box(const pliant_geometry *geometry, const double origin[3], c
         ray->leave = fmin(ray->leave, fmax(a, b));
     }
     ray->stride = 0.5 / sqrt(voxels_a_metre);
-    /* the box's diagonal is shorter than the sum of its edges; from too far away rounding makes it longer */
+    /* upper bound, because the diagonal is shorter than the sum of the edges; rounding errors from far away are
+     * corrected */
     ray->most = 2;
     for (int d = 0; d < 3; d++) {
         ray->size[d] = geometry->size[d];
@@ -42,16 +43,16 @@ static bool enter_box(const pliant_geometry *geometry, const double origin[3], c
     return ray->enter <= ray->leave;
 }
 
-/* Tissue that a ray may meet. */
+/* Tissue for ray queries. */
 typedef struct tissue {
-    const pliant_body *body; /* Nullable, to distinguish fragments of a tetrahedron */
+    const pliant_body *body; /* Nullable; distinguishes fragments of a tetrahedron */
     const pliant_mesh *mesh;
     const double *positions;
     const double *origin, *unit; /* of the ray */
-    const pliant_model *model;   /* Nullable: whose empty materials are no tissue */
+    const pliant_model *model;   /* Nullable; its empty materials are not tissue */
 } tissue;
 
-/* Whether the scan's voxel at a point of a tetrahedron is of an empty material. */
+/* Return whether the scan's voxel at a point of a tetrahedron has an empty material. */
 static bool is_empty(const tissue *of, int32_t tet, const double barycentric[4])
 {
     double rest[3] = {0}, index[3];
@@ -68,7 +69,7 @@ static bool is_empty(const tissue *of, int32_t tet, const double barycentric[4])
     return of->model->materials.materials[of->model->material_of_voxel[voxel]].empty;
 }
 
-/* Return the tetrahedron at a place along the ray. -1: no tetrahedron is there. */
+/* Return the tetrahedron at a point of the ray; -1: none. */
 static int32_t tissue_at(const tissue *of, double t, double barycentric[4])
 {
     double point[3];
@@ -78,8 +79,8 @@ static int32_t tissue_at(const tissue *of, double t, double barycentric[4])
     return pliant_body_locate(of->body, of->positions, point, &tet, barycentric) ? tet : -1;
 }
 
-/* The same at a crossing, or up to two voxels behind it. Where the ray begins above the threshold it crosses no surface, and an
- * empty material is no tissue. */
+/* Return the tetrahedron at a crossing, or up to two voxels behind it. If the ray begins above the threshold, it
+ * crosses no surface, and an empty material is not tissue. */
 static int32_t tissue_behind(const tissue *of, const march_ray *ray, const march_crossing *at, double barycentric[4])
 {
     for (double behind = 0; behind <= 2 * skin; behind += 1) {
@@ -89,7 +90,7 @@ static int32_t tissue_behind(const tissue *of, const march_ray *ray, const march
     return -1;
 }
 
-/* Where the ray enters a tetrahedron between two places. INFINITY: it does not. */
+/* Return where the ray enters a tetrahedron between two distances; INFINITY: it does not. */
 static double enter_tet(const tissue *of, int32_t tet, double from, double to)
 {
     const double *corner[4];
@@ -135,14 +136,14 @@ static void fill(const pliant_mesh *mesh, const double origin[3], const double u
     *out = picked;
 }
 
-/* Where the volume is: with the warp that draws it, perhaps on a GPU, or (then a warp is not looked at) here. */
+/* Location of the volume: in the warp that draws it, possibly on a GPU, or in host memory. */
 typedef struct place {
     const pliant_warp *warp;
     const pliant_volume *volume;
     const pliant_model *model; /* Nullable */
 } place;
 
-/* The first crossing at this sample or after it; the sample before it counts as above, where there is one. */
+/* Return the first crossing at sample `first` or later; the sample before it, if any, counts as above the threshold. */
 static march_crossing next_crossing(place *in, const march_ray *ray, int64_t first)
 {
     march_crossing found = {.sample = -1};
@@ -158,7 +159,7 @@ static march_crossing next_crossing(place *in, const march_ray *ray, int64_t fir
     return found;
 }
 
-/* Values stay above the threshold from a crossing on where there is no tissue: find the first tissue before they fall below it. */
+/* At a crossing without tissue, find the first tissue before the values fall below the threshold. */
 static int32_t tissue_beyond(place *in, const march_ray *ray, const tissue *of, march_crossing *at, double barycentric[4])
 {
     if (!in->volume) in->volume = pliant_warp_volume(in->warp);

@@ -43,7 +43,7 @@ static bool read_vector(const char *field, char *const *text, double out[3], cha
     return true;
 }
 
-/* one of count names; a NULL text is the first. -1: another */
+/* Return the index of a name; a NULL text is index 0; -1: unknown. */
 static int choose(const char *text, const char *const *names, int count)
 {
     for (int n = 0; n < count; n++)
@@ -51,7 +51,8 @@ static int choose(const char *text, const char *const *names, int count)
     return -1;
 }
 
-/* @param beside a file; a path in it that does not begin with / goes on from its folder */
+/* Build the path of a file. A relative path starts at the folder of another file.
+ * @param beside that other file */
 static bool find_file(const char *file, const char *beside, char path[PATH_SIZE])
 {
     const char *slash = strrchr(beside, '/');
@@ -86,7 +87,7 @@ static bool read_solid(const pliant_part_text *text, const char *beside, pliant_
     }
     const pliant_status status = text->file ? pliant_solid_read(path, &options, &solid)
                                             : pliant_solid_create((int32_t)text->num_points, point, 0, NULL, &options, "its points", &solid);
-    if (status == PLIANT_ERROR_MEMORY) reason[0] = 0; /* no fault of the text's */
+    if (status == PLIANT_ERROR_MEMORY) reason[0] = 0; /* the text is not the cause */
     else if (status != PLIANT_OK) snprintf(reason, size, "shape/parts: %.400s", pliant_last_error());
     out->solid = solid;
     return status == PLIANT_OK;

@@ -1,4 +1,4 @@
-/* A tool's shape as it stands in a YAML file. */
+/* Tool shapes in YAML files. */
 #ifndef PLIANT_INTERACT_SHAPE_TEXT_H
 #define PLIANT_INTERACT_SHAPE_TEXT_H
 
@@ -12,7 +12,7 @@ typedef struct pliant_part_text {
 } pliant_part_text;
 
 typedef struct pliant_shape_text {
-    char *name, **offset; /* a built-in one, or: */
+    char *name, **offset; /* a built-in shape and its offset, or parts */
     pliant_part_text *parts;
     uint32_t num_parts;
     char **joint, **axis;
@@ -20,8 +20,8 @@ typedef struct pliant_shape_text {
 
 extern const cyaml_schema_field_t pliant_shape_fields[];
 
-/* Files lie relative to that which the text is from. Free with pliant_tool_shape_free. false: "shape/FIELD: what is wrong" in reason, nothing
- * where it is memory */
+/* Build a shape. Relative paths start at the folder of the file `beside`. Free with pliant_tool_shape_free. Return
+ * false with "shape/FIELD: error" in reason; an empty reason means that memory is exhausted. */
 bool pliant_shape_from_text(const pliant_shape_text *text, const char *beside, pliant_tool_shape *out, char *reason, size_t size);
 
 #endif

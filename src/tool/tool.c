@@ -1,5 +1,5 @@
-/* Tools: where they are, what they hold, how they pull. [H] 3.2, equation 11: a force at a point of the volume is spread over
- * the nodes by the weights that interpolate its displacement. A blob is a set of such points. */
+/* Tools: their poses, grasps and forces. A force at a point is distributed to the nodes with the weights that
+ * interpolate its displacement ([H] 3.2, equation 11). A grasped blob is a set of such points. */
 #include "base/fail.h"
 #include "contact/shapes/shapes.h"
 #include "tool/blade.h"
@@ -111,11 +111,12 @@ pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass)
     return PLIANT_OK;
 }
 
-/* ---- taking hold */
+/* ---- grasp */
 
-enum { BLOB_POINTS = 9, MOST_POINTS = BLOB_POINTS * BLOB_POINTS * BLOB_POINTS }; /* along the diameter of the blob; in the box around it */
+/* points along the diameter of the blob, and in its bounding box */
+enum { BLOB_POINTS = 9, MOST_POINTS = BLOB_POINTS * BLOB_POINTS * BLOB_POINTS };
 
-/* whether a tetrahedron at load is in fragments, or gave voxels away */
+/* Return whether an initial tetrahedron has fragments or has given voxels to another one. */
 static bool is_cut(const pliant_cuts *cuts, int32_t tet)
 {
     int32_t low = 0, high = cuts ? cuts->num_tets : 0;
@@ -127,21 +128,23 @@ static bool is_cut(const pliant_cuts *cuts, int32_t tet)
     return cuts && low < cuts->num_tets && cuts->tet[low] == tet;
 }
 
-/* what points at rest are in, and how */
+/* tetrahedra and weights of rest points */
 typedef struct rest_points {
     int32_t count;
     double at[3 * MOST_POINTS], weight[4 * MOST_POINTS];
-    int32_t tet[MOST_POINTS];   /* -1: no tissue there */
+    int32_t tet[MOST_POINTS];   /* -1: no tissue at the point */
 } rest_points;
 
-/* The tetrahedra at rest points, of fragments those whose voxels are there: what is cut is looked for in the whole mesh, once for all. */
+/* Find the tetrahedra at rest points. In cut tetrahedra, the fragments are searched in the whole mesh, once for all
+ * points. */
 static void find_tets(const pliant_body *body, rest_points *points)
 {
     rest_points open = {0};
     int32_t place[MOST_POINTS];
     for (int32_t p = 0; p < points->count; p++) {
         int32_t tet = points->tet[p] = pliant_mesh_locate(&body->fine, points->at + 3 * p, points->weight + 4 * p);
-        const bool elsewhere = tet < 0 && body->subdivision && body->tet_parent; /* perhaps in what was appended */
+        /* possibly in an appended tetrahedron */
+        const bool elsewhere = tet < 0 && body->subdivision && body->tet_parent;
         if (!elsewhere && (tet < 0 || !is_cut(body->cuts, tet))) continue;
         memcpy(open.at + 3 * open.count, points->at + 3 * p, 3 * sizeof *open.at);
         place[open.count++] = p;
@@ -153,7 +156,7 @@ static void find_tets(const pliant_body *body, rest_points *points)
     }
 }
 
-/* weights of the fine nodes at rest points, added up; how many are in tissue */
+/* Sum the weights of the fine nodes over the rest points. Return the number of points in tissue. */
 static int32_t add_points(const pliant_body *body, rest_points *points, double *weights)
 {
     int32_t inside = 0;
@@ -166,7 +169,7 @@ static int32_t add_points(const pliant_body *body, rest_points *points, double *
     return inside;
 }
 
-/* a grid of points in a ball; of no radius its centre */
+/* List the points of a grid in a sphere; for radius 0, its centre. */
 static void list_points(const double centre[3], double radius, rest_points *out)
 {
     out->count = radius > 0 ? 0 : 1;
@@ -181,7 +184,8 @@ static void list_points(const double centre[3], double radius, rest_points *out)
     }
 }
 
-/* Nothing to hold at a point: where the tissue is, and whether millimetres were meant. */
+/* Fail because there is no tissue at a point. The message contains the extent of the tissue, and a hint if the unit is
+ * probably millimetres. */
 static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, const double at[3])
 {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -199,7 +203,7 @@ static pliant_status fail_no_tissue(const pliant_mesh *mesh, const char *name, c
                        far && inside_as_mm ? ": the point seems to be in millimetres, metres are needed" : "");
 }
 
-/* the nodes that a blob leans on, ascending, and their shares */
+/* List the nodes of a blob, ascending, with their weights. */
 static pliant_status list_held(const pliant_body *body, const pliant_tool *tool, const double centre[3], double radius, int32_t *num_held,
                                int32_t **nodes, double **shares)
 {
@@ -265,7 +269,7 @@ static void find_held_point(const pliant_data *data, pliant_tool *tool)
         for (int d = 0; d < 3; d++) tool->held_point[d] += tool->weight[h] * data->positions[3 * tool->held[h] + d];
 }
 
-/* Bone that is taken hold of does not come along, and forces grow without end: who pulls should know. */
+/* Warn if fixed tissue is grasped, because it cannot move and the force grows without bound. */
 static void tell_what_is_fixed(const pliant_data *data, const pliant_tool *tool)
 {
     double fixed = 0;
@@ -326,10 +330,10 @@ pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, in
     return PLIANT_OK;
 }
 
-/* ---- in a step */
+/* ---- during a step */
 
-/* The tip has gone on while the tissue is where the last step has left it: what spring and damper would take at once is more than
- * any step lets them take. */
+/* Limit the force of a spring drive before a step. The tip has moved, but the tissue has not moved yet, so the sum of
+ * spring and damper is the maximum force of the step. */
 void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int index)
 {
     pliant_tool *tool = data->tools + index;

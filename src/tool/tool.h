@@ -1,4 +1,4 @@
-/* What a step asks of the tools: holds and their places. Who solves tells them the forces (backend/pull.c). */
+/* Tool functions for the step: grasps and their positions. The solver computes the forces (backend/pull.c). */
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 
@@ -11,16 +11,17 @@
 extern "C" {
 #endif
 
-/* after the solve: where the held point is
- * @param force (3) Nullable: what it took; without it, the tool keeps the force that it has */
+/* Update a tool after the solve with the position of the grasped point.
+ * @param force (3) Nullable; force on the tool; if NULL, the tool keeps its force */
 void pliant_tool_report(pliant_data *data, int tool, const double *force);
-/* the same tool on the next body, at these positions: it holds what is where it took hold. Errors: MEMORY, ARGUMENT (nothing is there);
- * free both. */
+/* Copy a tool to the next body at these positions. It grasps the tissue at the same rest point. Errors: MEMORY,
+ * ARGUMENT (no tissue there); free both. */
 pliant_status pliant_tool_carry(pliant_tool *tool, const pliant_tool *from, const pliant_data *data, const pliant_body *next,
                                 const double *positions);
-/* Before a step: a spring that would take more than grasp/slip slips, so that it takes that; one that has slipped too far lets go. */
+/* Before a step: let a spring slip so that its force does not exceed grasp/slip. A grasp that has slipped too far is
+ * released. */
 void pliant_tool_slip(const pliant_scene *scene, pliant_data *data, int tool);
-/* free the hold; the solver is told at the next step */
+/* Remove the grasp; the solver is updated in the next step. */
 static inline void pliant_tool_drop(pliant_tool *tool)
 {
     pliant_free(tool->held);
@@ -31,9 +32,9 @@ static inline void pliant_tool_drop(pliant_tool *tool)
     tool->holding = tool->attached = tool->blade.drags = false;
     memset(tool->force, 0, sizeof tool->force);
 }
-/* and pull by the spring again */
+/* Remove the grasp, and use the spring drive again. */
 void pliant_tool_forget(pliant_tool *tool);
-/* all that it has */
+/* Free all data of a tool. */
 void pliant_tool_free(pliant_tool *tool);
 
 #ifdef __cplusplus
