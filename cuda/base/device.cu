@@ -168,7 +168,8 @@ extern "C" void pliant_cuda_unlock_pages(void *h_block)
     if (cudaHostUnregister(h_block) != cudaSuccess) cudaGetLastError();
 }
 
-/* ---- giving back: CUDA waits for all that the device is doing, and nobody shall wait for what is done in the background */
+/* ---- giving back: CUDA waits for all that the device is doing, and nobody shall wait for what is done in the
+ * background */
 
 /* a device that is lost cannot give back either: nothing to do about it, and no reason to say more */
 static void give_back(const retired &of)
@@ -265,8 +266,8 @@ static cudaError_t try_device(int index)
     return error;
 }
 
-/* Of the probe before: a simulation and the volume that it draws work on each other's memory, so that all stay on one device as long
- * as it works. */
+/* Of the probe before: a simulation and the volume that it draws work on each other's memory, so that all stay on one
+ * device as long as it works. */
 static std::atomic<int> chosen{-1};
 
 extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size)

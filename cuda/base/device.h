@@ -16,8 +16,8 @@ typedef struct pliant_cuda_device {
     int multiprocessors;
 } pliant_cuda_device;
 
-/* The device with the most free memory that runs a kernel of this build; after that the same one, as long as it does. Says nothing
- * itself: false, and the reason (no driver, no device, no code for it), when there is none. */
+/* The device with the most free memory that runs a kernel of this build; after that the same one, as long as it does.
+ * Says nothing itself: false, and the reason (no driver, no device, no code for it), when there is none. */
 bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size);
 
 /* The same as a backend's probe, with what it is in text. */

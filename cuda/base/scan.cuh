@@ -4,8 +4,8 @@
 
 #include <cstdint>
 
-/* By all threads of a block of so many: the sum of the counts of the threads before; all sums to sums (THREADS), this thread's own
- * included. */
+/* By all threads of a block of so many: the sum of the counts of the threads before; all sums to sums (THREADS), this
+ * thread's own included. */
 template <int THREADS> static __device__ __forceinline__ int32_t sum_before(int32_t count, int32_t *sums)
 {
     sums[threadIdx.x] = count;

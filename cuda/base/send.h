@@ -5,8 +5,8 @@
 #include "base/room.h"
 #include "cuda/base/check.h"
 
-/* d_out has the first bytes of h_before (bytes_before) already, as many as h_now (bytes) has. Both are whole blocks of the library (base/room.h).
- * Errors: UNAVAILABLE. */
+/* d_out has the first bytes of h_before (bytes_before) already, as many as h_now (bytes) has. Both are whole blocks of
+ * the library (base/room.h). Errors: UNAVAILABLE. */
 static inline pliant_status pliant_cuda_send_differences(const void *h_now, size_t bytes, const void *h_before, size_t bytes_before, void *d_out, cudaStream_t stream)
 {
     const size_t common = bytes < bytes_before ? bytes : bytes_before;

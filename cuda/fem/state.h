@@ -1,5 +1,6 @@
-/* The solver's state on the GPU: what src/fem/quasistatic/solver.c keeps, laid out for kernels that decide by themselves, so that the host
- * looks only when a step is done. Iterate `now` and the trial are buffers 0 and 1 and change places. */
+/* The solver's state on the GPU: what src/fem/quasistatic/solver.c keeps, laid out for kernels that decide by
+ * themselves, so that the host looks only when a step is done. Iterate `now` and the trial are buffers 0 and 1 and
+ * change places. */
 #ifndef PLIANT_CUDA_STATE_H
 #define PLIANT_CUDA_STATE_H
 
@@ -58,7 +59,8 @@ typedef struct gpu_state {
     double weights[3][GPU_HISTORY]; /* of the next proposal, of the estimate of what is left, and of that of the state before */
     int32_t mixed;             /* there are some of the first kind */
     int32_t old_now;           /* buffer that was present when what was evaluated last was proposed */
-    /* largest squares over the nodes, as bits: what is left, what the proposal moves, displacement, what was left at the state before */
+    /* largest squares over the nodes, as bits: what is left, what the proposal moves, displacement, what was left at
+     * the state before */
     unsigned long long largest[4];
     unsigned long long blocks; /* that have found theirs */
     /* pliant_posterior */

@@ -44,7 +44,8 @@ typedef struct gpu_system_room {
 
 /* room: zeroed, but for grows. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_system_create(const pliant_system *system, cudaStream_t stream, gpu_system *out, gpu_system_room *room);
-/* Of the next body, in place of the one before: what is the same is not sent again, but of macros. After an error it is of neither. */
+/* Of the next body, in place of the one before: what is the same is not sent again, but of macros. After an error it is
+ * of neither. */
 pliant_status pliant_cuda_system_follow(const pliant_system *system, const pliant_system *before, cudaStream_t stream, gpu_system *gpu, gpu_system_room *room);
 void pliant_cuda_system_free(gpu_system *system, gpu_system_room *room);
 

@@ -132,7 +132,8 @@ static pliant_status piece_count(segmenting *work, int32_t *out)
     return fetch(work, out, gpu->d_block_count + (gpu->voxels + (int64_t)SEGMENT_NUMBERED - 1) / SEGMENT_NUMBERED, sizeof *out);
 }
 
-/* Pieces, and the small ones' voxels to their neighbours'; where a key was too short for some, all of them by the CPU instead. */
+/* Pieces, and the small ones' voxels to their neighbours'; where a key was too short for some, all of them by the CPU
+ * instead. */
 static pliant_status absorb(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options, int32_t *count)
 {
     const gpu_segment *gpu = &work->gpu;

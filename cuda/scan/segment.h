@@ -1,6 +1,6 @@
-/* Segmentation on the GPU (src/scan/segment.c): bins, sigma filter, neighbours that agree, pieces and specks give what the CPU's give,
- * number for number; the mixture is summed in another order, in a fixed tree, so its classes agree to some 1e-12. Its entry is
- * pliant_cuda_segment_device (scan/segment.h). */
+/* Segmentation on the GPU (src/scan/segment.c): bins, sigma filter, neighbours that agree, pieces and specks give what
+ * the CPU's give, number for number; the mixture is summed in another order, in a fixed tree, so its classes agree to
+ * some 1e-12. Its entry is pliant_cuda_segment_device (scan/segment.h). */
 #ifndef PLIANT_CUDA_SEGMENT_H
 #define PLIANT_CUDA_SEGMENT_H
 

@@ -1,5 +1,5 @@
-/* The mixture, as in src/scan/segment_mixture.c: one block for each trial, four bins a thread, sums in a tree; the host looks only when all
- * numbers of classes are done. */
+/* The mixture, as in src/scan/segment_mixture.c: one block for each trial, four bins a thread, sums in a tree; the host
+ * looks only when all numbers of classes are done. */
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "cuda/scan/segment.h"
@@ -24,8 +24,8 @@ static __device__ void add_up(double value, int slot, pass_work *work)
     if (threadIdx.x % 32 == 0) work->part[threadIdx.x / 32][slot] = value;
 }
 
-/* What each bin adds to a pass, to work->sums: of every class share, share times distance from the mean, and that times distance; then the
- * log likelihood. counts, values: of this thread's bins. */
+/* What each bin adds to a pass, to work->sums: of every class share, share times distance from the mean, and that times
+ * distance; then the log likelihood. counts, values: of this thread's bins. */
 static __device__ void sum_bins(const double *counts, const double *values, int bins, int classes, pass_work *work)
 {
     double sums[PLIANT_MAX_CLASSES][3] = {}, now = 0;

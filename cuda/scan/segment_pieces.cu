@@ -63,7 +63,8 @@ extern "C" pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, i
     return PLIANT_OK;
 }
 
-/* ---- pieces: union and find, in which the lower index becomes the parent (Playne and Hawick 2018); the outcome is the same in any order */
+/* ---- pieces: union and find, in which the lower index becomes the parent (Playne and Hawick 2018); the outcome is the
+ * same in any order */
 
 static __device__ int32_t root_of(int32_t *parent, int32_t v)
 {
@@ -210,8 +211,9 @@ extern "C" pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, do
     return CUDA_LAUNCHED("the specks");
 }
 
-/* A voxel of a speck takes the class of the neighbour that would reach it first in the CPU's queue: there, voxels come in the order of
- * those that reached them, and of the side they were reached from. A key is that path, 3 bits a wave behind the voxel it began at. */
+/* A voxel of a speck takes the class of the neighbour that would reach it first in the CPU's queue: there, voxels come
+ * in the order of those that reached them, and of the side they were reached from. A key is that path, 3 bits a wave
+ * behind the voxel it began at. */
 __global__ void wave_kernel(const gpu_segment segment, int wave)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);

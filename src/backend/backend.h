@@ -1,6 +1,7 @@
-/* Who runs the stages of a step: one table of functions a backend. The CPU is always there, and what the others are compared
- * with. State stays where the backend keeps it; what the host needs comes back in every step: fine positions, the tools'
- * forces, statistics. Drawing and segmenting on their own have tables of their own (warp/device.h, scan/segment.h). */
+/* Who runs the stages of a step: one table of functions a backend. The CPU is always there, and what the others are
+ * compared with. State stays where the backend keeps it; what the host needs comes back in every step: fine positions,
+ * the tools' forces, statistics. Drawing and segmenting on their own have tables of their own (warp/device.h,
+ * scan/segment.h). */
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
@@ -15,7 +16,8 @@ extern "C" {
 /* What a kind of solver (solver/kind) does on the host, whoever runs its steps. */
 typedef struct pliant_host_solver {
     pliant_status (*create)(const pliant_model *model, pliant_data *data); /* its state in data, at rest. Errors: MEMORY, SCENE */
-    /* that of the next body, whose discretization next has, in next, from data's, which stays as it is. Errors: MEMORY, SCENE, NUMERIC */
+    /* that of the next body, whose discretization next has, in next, from data's, which stays as it is. Errors: MEMORY,
+     * SCENE, NUMERIC */
     pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next);
     pliant_status (*reset)(pliant_data *data);                             /* to rest. Errors: MEMORY (nothing changed) */
     pliant_status (*interact)(const pliant_model *model, pliant_data *data); /* the first stage of a step: what the tools pull at */
@@ -38,8 +40,9 @@ struct pliant_backend {
     /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
     void (*free)(pliant_data *data); /* NULL on the host */
-    /* The host's state is of the next body, and before has that of the one before: take what differs. map: pliant_data_set_body. Where
-     * *possible is false, or on an error, it is made anew. Nullable: it always is. Errors: MEMORY, UNAVAILABLE. */
+    /* The host's state is of the next body, and before has that of the one before: take what differs. map:
+     * pliant_data_set_body. Where *possible is false, or on an error, it is made anew. Nullable: it always is. Errors:
+     * MEMORY, UNAVAILABLE. */
     pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible);
     pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
     pliant_status (*move)(const pliant_model *model, pliant_data *data); /* nodes of it are elsewhere, and nothing else has changed; Nullable: as restart */
@@ -63,8 +66,8 @@ pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data)
 
 /* Before the corotational solve: what a tool pulls at, and where to. Errors: MEMORY. */
 pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int tool);
-/* Rigid tools that hold one point (state/shared_hold.h) share one constraint and its force. Return the first of them, the leader, which has the constraint. Any
- * other tool is its own leader. */
+/* Rigid tools that hold one point (state/shared_hold.h) share one constraint and its force. Return the first of them,
+ * the leader, which has the constraint. Any other tool is its own leader. */
 int pliant_pull_leader(const pliant_data *data, int tool);
 /* List the tools that share the constraint of a leader, the leader first. @return how many */
 int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS]);
@@ -86,12 +89,14 @@ const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
 /* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
-/* The same where nodes are elsewhere, amid a step, and nothing else has changed: what was made for the step so far is kept. */
+/* The same where nodes are elsewhere, amid a step, and nothing else has changed: what was made for the step so far is
+ * kept. */
 pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data);
-/* The host's state is of another body than before's, whose arrays are still there: the backend follows, makes its own anew, or the CPU
- * goes on. */
+/* The host's state is of another body than before's, whose arrays are still there: the backend follows, makes its own
+ * anew, or the CPU goes on. */
 void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);
-/* Whether a GPU solves for the fine nodes themselves, none of which has been moved since: its state is where they are. */
+/* Whether a GPU solves for the fine nodes themselves, none of which has been moved since: its state is where they
+ * are. */
 bool pliant_positions_are_state(const pliant_data *data);
 /* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
 bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status);

@@ -42,9 +42,9 @@ static void share_target(const pliant_data *data, int leader, double target[3])
 
 /* ---- */
 
-/* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of stiffness
- * k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h).
- * The weight of the tool's mass is a target that lies further. */
+/* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of
+ * stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass is a target that
+ * lies further. */
 static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_handle *handle)
 {
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;

@@ -1,5 +1,5 @@
-/* Whose memory it is: a block counts for the account that the thread which asks for it has in use, until it is freed, whoever frees it. So what
- * a simulation holds is told apart from what others take and give back meanwhile. */
+/* Whose memory it is: a block counts for the account that the thread which asks for it has in use, until it is freed,
+ * whoever frees it. So what a simulation holds is told apart from what others take and give back meanwhile. */
 #ifndef PLIANT_BASE_ACCOUNT_H
 #define PLIANT_BASE_ACCOUNT_H
 
@@ -11,7 +11,8 @@ extern "C" {
 
 typedef struct pliant_account pliant_account;
 
-/* An account of itself alone; it stays until who has opened it, who shares it and the last of its blocks are gone. NULL: out of memory. */
+/* An account of itself alone; it stays until who has opened it, who shares it and the last of its blocks are gone.
+ * NULL: out of memory. */
 pliant_account *pliant_account_open(void);
 /* One more holder of an account, Nullable. */
 pliant_account *pliant_account_share(pliant_account *of);

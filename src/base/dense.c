@@ -68,7 +68,8 @@ bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
     return true;
 }
 
-/* Cholesky with complete pivoting (Higham, Accuracy and Stability, 10.3); what is left of the diagonal is kept in the last row */
+/* Cholesky with complete pivoting (Higham, Accuracy and Stability, 10.3); what is left of the diagonal is kept in the
+ * last row */
 int32_t pliant_dense_root(int32_t n, const double *a, double *root)
 {
     const double rounding = 1e-13;

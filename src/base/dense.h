@@ -22,8 +22,8 @@ void pliant_dense_cholesky_solve(int32_t n, const double *factor, int32_t column
 /* In place, with partial pivoting: right (n x columns) becomes A^-1 right; a is overwritten. False: singular. */
 bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right);
 
-/* A = root' root of a symmetric positive semidefinite (n x n), lower triangle given; root (n x n), of which as many rows are written
- * as are returned: the rank, up to rounding. */
+/* A = root' root of a symmetric positive semidefinite (n x n), lower triangle given; root (n x n), of which as many
+ * rows are written as are returned: the rank, up to rounding. */
 int32_t pliant_dense_root(int32_t n, const double *a, double *root);
 
 /* Eigenvalues, and eigenvectors in the columns of vectors, of a symmetric (n x n); a becomes diagonal. */

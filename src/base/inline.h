@@ -1,6 +1,6 @@
-/* Functions that loops of the CPU and kernels of the GPU share: both compile the same lines. Literals are typed (0.0 beside a double),
- * since C++ chooses overloads of fmin and the like by them. PLIANT_UNROLL stands before short loops over arrays that fit into a GPU's
- * registers. */
+/* Functions that loops of the CPU and kernels of the GPU share: both compile the same lines. Literals are typed (0.0
+ * beside a double), since C++ chooses overloads of fmin and the like by them. PLIANT_UNROLL stands before short loops
+ * over arrays that fit into a GPU's registers. */
 #ifndef PLIANT_BASE_INLINE_H
 #define PLIANT_BASE_INLINE_H
 

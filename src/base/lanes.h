@@ -4,7 +4,8 @@
 
 enum { LANES = 8 };
 
-/* Vector code for the machine at hand, chosen when the program starts. Machines that fuse products and sums round otherwise. */
+/* Vector code for the machine at hand, chosen when the program starts. Machines that fuse products and sums round
+ * otherwise. */
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && \
     !defined(__SANITIZE_THREAD__)
 #define PLIANT_VECTORIZED __attribute__((target_clones("avx512f", "avx2", "default"), optimize("O3")))

@@ -104,7 +104,8 @@ static void give_back(header *block)
 
 /* ---- blocks that are kept */
 
-/* Large ones are of few sizes, so that one fits in the place of another; of their own where what is written behind a block is looked for. */
+/* Large ones are of few sizes, so that one fits in the place of another; of their own where what is written behind a
+ * block is looked for. */
 static size_t room_for(size_t bytes, bool series)
 {
     size_t step = 1;
@@ -215,8 +216,8 @@ static header *from_system(size_t room, size_t alignment)
     return block;
 }
 
-/* The pages of a block that the system has just given: large ones, and, where all of it is about to be written, at once: each by itself costs more than what
- * is written to it. */
+/* The pages of a block that the system has just given: large ones, and, where all of it is about to be written, at
+ * once: each by itself costs more than what is written to it. */
 static void find_pages(const header *block, bool written)
 {
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), begin = ((uintptr_t)block->base + page - 1) / page * page;
@@ -284,8 +285,8 @@ static void stamp_anew(header *block, size_t from, size_t to)
     for (size_t p = from / PIECE; p < pieces_of(to); p++) block->stamp[p] = stamp;
 }
 
-/* What is followed for the first time, an array at load say, which any thread may read: what follows it finds the same pieces again. Where there is
- * no memory for that, they are copied once more. */
+/* What is followed for the first time, an array at load say, which any thread may read: what follows it finds the same
+ * pieces again. Where there is no memory for that, they are copied once more. */
 static void stamp_first(header *block)
 {
     uint64_t *none = NULL, *made = block->stamp || block->bytes < large_series ? NULL : calloc(pieces_of(block->room), sizeof *made);

@@ -11,8 +11,8 @@ extern "C" {
 /* As many as are wanted; 0: as many as the machine has cores. */
 int pliant_threads_of(int wanted);
 
-/* Loops that are told of no number, as those over a scan's voxels, run on that many in between. Of the calling thread alone.
- * begin returns what end is to bring back. */
+/* Loops that are told of no number, as those over a scan's voxels, run on that many in between. Of the calling thread
+ * alone. begin returns what end is to bring back. */
 int pliant_threads_begin(int wanted);
 void pliant_threads_end(int before);
 

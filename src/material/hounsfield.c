@@ -6,8 +6,8 @@
 
 enum { PERCENTILES = 101 };
 
-/* Between air and tissue: the threshold that divides the percentiles into the two groups that lie farthest apart, weighed by their
- * sizes (N. Otsu, A threshold selection method from gray-level histograms, 1979). */
+/* Between air and tissue: the threshold that divides the percentiles into the two groups that lie farthest apart,
+ * weighed by their sizes (N. Otsu, A threshold selection method from gray-level histograms, 1979). */
 static double air_threshold(const double value[PERCENTILES])
 {
     double all = 0, below = 0, best = -1, threshold = value[0];

@@ -130,7 +130,8 @@ int pliant_material_of_segment(const pliant_material_table *table, const pliant_
     return pliant_segment_match_of(table, segment, &match);
 }
 
-/* Edits that make one name of the other (V. Levenshtein, Soviet Physics Doklady 10:707, 1966); 1 if one holds the other. */
+/* Edits that make one name of the other (V. Levenshtein, Soviet Physics Doklady 10:707, 1966); 1 if one holds the
+ * other. */
 static int distance(const char *a, const char *b)
 {
     int row[LONGEST + 1];

@@ -8,7 +8,8 @@
 extern "C" {
 #endif
 
-/* Compare names of at most 63 bytes without case, blanks, punctuation and order of words: "Left Kidney" is "kidney_left". */
+/* Compare names of at most 63 bytes without case, blanks, punctuation and order of words: "Left Kidney" is
+ * "kidney_left". */
 bool pliant_same_name(const char *a, const char *b);
 
 /* What decided the material of a segment. */

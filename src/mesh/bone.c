@@ -1,10 +1,12 @@
-/* Nodes on the surface of what is fixed ([H] 4.2, figure 6: regularly sampled nodes together with nodes on the surface of segmented bones).
+/* Nodes on the surface of what is fixed ([H] 4.2, figure 6: regularly sampled nodes together with nodes on the surface
+ * of segmented bones).
  *
- * The surface is made of the faces between fixed voxels and others. A node beside it is moved to its nearest point when an edge that
- * leaves the node crosses the surface, the nearest nodes first, and only when every tetrahedron around it stays at least as good as
- * PLIANT_BONE_QUALITY. So there are as many nodes and tetrahedra as before, joined as before, and of an edge that crosses the surface one
- * end comes to lie on it. (Labelle and Shewchuk 2007 fill space with a lattice in the same way, and then cut what still crosses; here that
- * stays as it is, and is counted.) Nodes of the scan's box slide in its sides; those beside tetrahedra that were left out stay.
+ * The surface is made of the faces between fixed voxels and others. A node beside it is moved to its nearest point when
+ * an edge that leaves the node crosses the surface, the nearest nodes first, and only when every tetrahedron around it
+ * stays at least as good as PLIANT_BONE_QUALITY. So there are as many nodes and tetrahedra as before, joined as before,
+ * and of an edge that crosses the surface one end comes to lie on it. (Labelle and Shewchuk 2007 fill space with a
+ * lattice in the same way, and then cut what still crosses; here that stays as it is, and is counted.) Nodes of the
+ * scan's box slide in its sides; those beside tetrahedra that were left out stay.
  *
  * All lengths are in units of cells along the axes of the scan, in which the lattice is made of unit cubes. */
 #include "base/fail.h"
@@ -15,7 +17,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* How far a node may go: half the longest edge of a unit cube's tetrahedra, so that of any edge that crosses one end is near enough. */
+/* How far a node may go: half the longest edge of a unit cube's tetrahedra, so that of any edge that crosses one end is
+ * near enough. */
 static const double reach = 0.70710678118654752;
 static const double on_surface = 1e-9;
 
@@ -84,7 +87,8 @@ static void find_target(const bone_work *work, int32_t node)
     if (work->held[node] && work->apart[node] > on_surface * on_surface) work->apart[node] = INFINITY;
 }
 
-/* 1 for a regular tetrahedron, 0 for a flat one: 6 sqrt(2) V over the cubed root mean square of the edges (Parthasarathy et al. 1994) */
+/* 1 for a regular tetrahedron, 0 for a flat one: 6 sqrt(2) V over the cubed root mean square of the edges
+ * (Parthasarathy et al. 1994) */
 static double quality_of(const bone_work *work, const int32_t nodes[4])
 {
     double edges[3][3], sum = 0;

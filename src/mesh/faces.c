@@ -19,7 +19,8 @@ static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
             }
 }
 
-/* whether the corners of a face, seen from outside, run as its nodes ascend: of two tetrahedra with it, those of one do */
+/* whether the corners of a face, seen from outside, run as its nodes ascend: of two tetrahedra with it, those of one
+ * do */
 static bool runs_up(const int32_t *nodes, int face)
 {
     const int32_t a = nodes[pliant_face_corners[face][0]], b = nodes[pliant_face_corners[face][1]], c = nodes[pliant_face_corners[face][2]];

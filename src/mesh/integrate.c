@@ -1,9 +1,9 @@
 /* Materials of the voxels summed over tetrahedra ([H] 2.1). Every voxel belongs to the tetrahedron that holds its
  * centre, ties to the central one, so nothing is counted twice.
  *
- * [H] writes Ke = v Be' (sum Ei) Be with v the volume of a voxel. That equals V Be' (mean Ei) Be when the voxels' volumes
- * sum to that of the tetrahedron; on a real grid they do so only nearly, and the patch test then fails by that much. So
- * the mean is kept here, and the element takes its own exact volume. */
+ * [H] writes Ke = v Be' (sum Ei) Be with v the volume of a voxel. That equals V Be' (mean Ei) Be when the voxels'
+ * volumes sum to that of the tetrahedron; on a real grid they do so only nearly, and the patch test then fails by that
+ * much. So the mean is kept here, and the element takes its own exact volume. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/mesh.h"

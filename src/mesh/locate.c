@@ -51,8 +51,8 @@ static int32_t locate_in_cell(const pliant_mesh *mesh, int32_t cell, const doubl
     return -1;
 }
 
-/* A point on a cell's face, as far as rounding of a scan's geometry goes: the tetrahedra on the other side hold it as well, where those of
- * its own cell are left out. */
+/* A point on a cell's face, as far as rounding of a scan's geometry goes: the tetrahedra on the other side hold it as
+ * well, where those of its own cell are left out. */
 static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], const double local[3], const double world[3], double barycentric[4])
 {
     int step[3];

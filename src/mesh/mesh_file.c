@@ -142,8 +142,8 @@ static void to_axes(const pliant_mesh *mesh, const double world[3], double out[3
     }
 }
 
-/* Cells along the scan's axes around all nodes. No tetrahedron reaches further than a cell's edge from its centre, so that a point's tetrahedron
- * has its centre in the point's own cell or in one next to it (pliant_mesh_locate). */
+/* Cells along the scan's axes around all nodes. No tetrahedron reaches further than a cell's edge from its centre, so
+ * that a point's tetrahedron has its centre in the point's own cell or in one next to it (pliant_mesh_locate). */
 static pliant_status make_cells(const char *path, const mesh_file *file, const pliant_geometry *scan, pliant_mesh *mesh)
 {
     const double max_cells = 1 << 26;

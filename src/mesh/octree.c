@@ -71,7 +71,8 @@ static majority of_children(const pliant_octree *tree, int32_t level, const int3
     return best;
 }
 
-/* from the smallest cells up; cubes below one that is not split are set all the same: only those of split parents count */
+/* from the smallest cells up; cubes below one that is not split are set all the same: only those of split parents
+ * count */
 static pliant_status split_by_material(pliant_octree *tree, double purity, const pliant_geometry *geometry, const uint8_t *material_of_voxel)
 {
     int32_t *first[3] = {NULL, NULL, NULL};
@@ -120,8 +121,8 @@ static void drop_orphans(pliant_octree *tree)
                 }
 }
 
-/* From the smallest up: whatever shares a face or an edge with a split cube must be at least as small as that cube, so its parent is
- * split; and so is the cube's own parent. Splits are only added one level up, so one pass is enough. */
+/* From the smallest up: whatever shares a face or an edge with a split cube must be at least as small as that cube, so
+ * its parent is split; and so is the cube's own parent. Splits are only added one level up, so one pass is enough. */
 static void balance(pliant_octree *tree)
 {
     int32_t at[3], step[3];
@@ -161,7 +162,8 @@ static pliant_status number_leaves(pliant_octree *tree)
     int32_t cell[3];
     tree->leaf_of_cell = pliant_calloc(count, sizeof *tree->leaf_of_cell);
     if (!tree->leaf_of_cell) return pliant_fail_memory("the octree");
-    /* numbers start at a leaf's first cell; the others take that of the cell before them along an axis they are not first in */
+    /* numbers start at a leaf's first cell; the others take that of the cell before them along an axis they are not
+     * first in */
     for (int pass = 0; pass < 2; pass++) {
         int32_t leaves = 0;
         for (cell[2] = 0; cell[2] < cells[2]; cell[2]++)

@@ -1,4 +1,5 @@
-/* The tree of an adaptive mesh, level by level in flat arrays: level 0 are the roots, level `depth` the smallest cells. */
+/* The tree of an adaptive mesh, level by level in flat arrays: level 0 are the roots, level `depth` the smallest
+ * cells. */
 #ifndef PLIANT_MESH_OCTREE_H
 #define PLIANT_MESH_OCTREE_H
 
@@ -21,7 +22,8 @@ typedef struct pliant_octree {
     uint8_t *level;                       /* (num_leaves) */
 } pliant_octree;
 
-/* Split by the materials of voxels, then balance: leaves that share a face or an edge differ by at most one level. Errors: MEMORY. */
+/* Split by the materials of voxels, then balance: leaves that share a face or an edge differ by at most one level.
+ * Errors: MEMORY. */
 pliant_status pliant_octree_create(const int32_t roots[3], int32_t depth, double purity, const pliant_geometry *geometry,
                                    const uint8_t *material_of_voxel, pliant_octree *out);
 void pliant_octree_free(pliant_octree *tree);

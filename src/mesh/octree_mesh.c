@@ -1,11 +1,13 @@
 /* Tetrahedra of an octree's leaves.
  *
- * A leaf without smaller neighbours is cut into five, as the cubes of a lattice of its size are: the diagonal of a face joins the two corners
- * whose coordinates, in units of the leaf, add up to an even number. A leaf with smaller neighbours gets a node at its centre, to which
- * the triangles of its faces are joined. A face that has a node in its middle or on an edge (a corner of a smaller leaf) gets a node in its
- * middle, to which the pieces of its edges are joined; all others are cut along the same diagonal as those of five. Every face is cut by
- * what lies on it alone, so both sides cut it alike: of four smaller faces the diagonals meet in the middle, where coordinates in units
- * of the smaller leaf add up to an even number too, and with neighbours across edges balanced none of them is divided further. */
+ * A leaf without smaller neighbours is cut into five, as the cubes of a lattice of its size are: the diagonal of a
+ * face joins the two corners whose coordinates, in units of the leaf, add up to an even number. A leaf with smaller
+ * neighbours gets a node at its centre, to which the triangles of its faces are joined. A face that has a node in
+ * its middle or on an edge (a corner of a smaller leaf) gets a node in its middle, to which the pieces of its edges
+ * are joined; all others are cut along the same diagonal as those of five. Every face is cut by what lies on it
+ * alone, so both sides cut it alike: of four smaller faces the diagonals meet in the middle, where coordinates in
+ * units of the smaller leaf add up to an even number too, and with neighbours across edges balanced none of them is
+ * divided further. */
 #include "base/fail.h"
 #include "mesh/octree.h"
 #include "pliant/memory.h"

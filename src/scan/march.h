@@ -1,5 +1,6 @@
-/* A ray through the voxels of a volume, sample by sample, to where it crosses a threshold ([H] 3.2). The same operations on
- * the CPU (tool/pick.c) and on a GPU (cuda/warp/pick.cu), in the same order, so that both find the same crossings. */
+/* A ray through the voxels of a volume, sample by sample, to where it crosses a threshold ([H] 3.2). The same
+ * operations on the CPU (tool/pick.c) and on a GPU (cuda/warp/pick.cu), in the same order, so that both find the same
+ * crossings. */
 #ifndef PLIANT_SCAN_MARCH_H
 #define PLIANT_SCAN_MARCH_H
 

@@ -73,7 +73,8 @@ struct grid {
     double origin[3] = {0.0, 0.0, 0.0};
     double direction[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}; /* row-major, columns are the axes */
 };
-/* Checks that the grid is one regular 3-D grid, repairs rounding in the direction, converts to metres. A size may be 1. */
+/* Checks that the grid is one regular 3-D grid, repairs rounding in the direction, converts to metres. A size may be
+ * 1. */
 pliant_geometry checked_geometry(const std::string &path, const grid &grid);
 /* Voxels of a checked geometry; a double, since a hostile header may ask for more than can be counted. */
 double voxel_count(const pliant_geometry &geometry);
@@ -135,7 +136,8 @@ std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const c
 std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* of several frames */
 /* NIfTI, MetaImage or NRRD; NULL: another format. */
 std::unique_ptr<image_source> open_image_file(const std::string &path);
-/* A folder with a mask per segment; NULL if it holds no image that could be one. Where masks overlap the later name wins. */
+/* A folder with a mask per segment; NULL if it holds no image that could be one. Where masks overlap the later name
+ * wins. */
 std::unique_ptr<image_source> open_masks(const std::string &folder);
 /* The same for labels: a DICOM segmentation if there is one. */
 std::unique_ptr<image_source> open_dicom_label_folder(const std::string &path);

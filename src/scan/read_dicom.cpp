@@ -1,5 +1,5 @@
-/* A DICOM folder, or one multi-frame file: which files are images and which frames they hold, to which series they belong, which
- * series is meant. */
+/* A DICOM folder, or one multi-frame file: which files are images and which frames they hold, to which series they
+ * belong, which series is meant. */
 #include "scan/read_dicom.h"
 
 #include <algorithm>
@@ -111,8 +111,8 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
     return pixels;
 }
 
-/* MONOCHROME1 says that low values are shown bright. Values that have a unit (Hounsfield, activity, counts) mean the same for all
- * that; others are intensities, of which one expects that bright ones are large. */
+/* MONOCHROME1 says that low values are shown bright. Values that have a unit (Hounsfield, activity, counts) mean the
+ * same for all that; others are intensities, of which one expects that bright ones are large. */
 bool is_turned_round(const dicom_file &file, size_t frame)
 {
     std::string modality = file.text(MODALITY), unit = file.text_of_frame(frame, RESCALE_TYPE);

@@ -8,8 +8,8 @@
 
 namespace pliant_read {
 
-/* The top level of a DICOM file up to its pixels, and what its functional groups say of each frame (PS3.3 C.7.6.16). Every
- * length has been checked against the file. */
+/* The top level of a DICOM file up to its pixels, and what its functional groups say of each frame (PS3.3 C.7.6.16).
+ * Every length has been checked against the file. */
 struct dicom_file {
     struct part {
         uint64_t offset, length;
@@ -75,7 +75,8 @@ struct dicom_pixels {
     }
 };
 
-/* Return the numbers of an element of a frame (from 0), from its functional groups or the file; empty when missing. Fails with FORMAT. */
+/* Return the numbers of an element of a frame (from 0), from its functional groups or the file; empty when missing.
+ * Fails with FORMAT. */
 std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &file, size_t frame, uint32_t tag, size_t count, const char *what);
 /* Return the number of frames, on which header and functional groups must agree. Fails with FORMAT. */
 size_t frames_of(const std::string &path, const dicom_file &file);

@@ -1,7 +1,7 @@
 /* JPEG, JPEG-LS and JPEG 2000 images, decompressed by the GDCM that ITK reads DICOM with.
  *
- * A failed assertion of GDCM ends its process. So a child process decompresses every image and leaves the numbers in memory
- * that both processes share. If the child ends without them, the image is refused. */
+ * A failed assertion of GDCM ends its process. So a child process decompresses every image and leaves the numbers in
+ * memory that both processes share. If the child ends without them, the image is refused. */
 #include "scan/read_dicom.h"
 
 #include <gdcmImageReader.h>

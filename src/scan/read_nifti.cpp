@@ -112,8 +112,8 @@ component component_of(const std::string &path, int datatype)
     }
 }
 
-/* NIfTI has no field for it. Who converts DICOM leaves the echo time of an MR in the description: "TE=30;Time=..." (0 for CT),
- * "3T 3D GR TR=2300ms/TE=2.98ms". */
+/* NIfTI has no field for it. Who converts DICOM leaves the echo time of an MR in the description: "TE=30;Time=..." (0
+ * for CT), "3T 3D GR TR=2300ms/TE=2.98ms". */
 pliant_modality modality_in(const std::string &descrip)
 {
     size_t echo = descrip.find("TE=");
@@ -205,8 +205,8 @@ void check_pixdim(const std::string &path, const double pixdim[3], const grid &g
     }
 }
 
-/* The sform where it is one of right angles, else the qform, else pixdim alone (the standard's methods 3, 2, 1; where a header has
- * both it leaves the choice to who reads, and both describe the same voxels). */
+/* The sform where it is one of right angles, else the qform, else pixdim alone (the standard's methods 3, 2, 1; where a
+ * header has both it leaves the choice to who reads, and both describe the same voxels). */
 void read_grid(const std::string &path, const fields &header, grid *grid)
 {
     const layout &at = header.at();

@@ -1,6 +1,6 @@
 /* NRRD (.nrrd, .nhdr with its data file): a text header of "field: value" lines up to an empty one
- * (http://teem.sourceforge.net/nrrd/format.html). Raw and gzip data.
- * Read here and not by ITK, which takes metres for millimetres and leaks what it has allocated when a file is broken. */
+ * (http://teem.sourceforge.net/nrrd/format.html). Raw and gzip data. Read here and not by ITK, which takes metres for
+ * millimetres and leaks what it has allocated when a file is broken. */
 #include "scan/read_nrrd.h"
 
 #include <cmath>
@@ -125,7 +125,8 @@ void place_axis(const scalar_axes &axes, size_t axis, double size, double unit, 
     if (std::isfinite(min)) grid->origin[d] = unit * (node ? min : min + 0.5 * spacing);
 }
 
-/* Return the axes that lie in space. Other axes must have size 1, except for the layers of a segmentation. @param layers Nullable: no segmentation */
+/* Return the axes that lie in space. Other axes must have size 1, except for the layers of a segmentation. @param
+ * layers Nullable: no segmentation */
 grid read_grid(const nrrd_header &header, nrrd_layers *layers)
 {
     double dimensions = header.whole("dimension", 0);

@@ -34,7 +34,8 @@ struct nrrd_data {
     std::unique_ptr<byte_stream> open() const;
 };
 
-/* The axis of the layers of a segmentation. The file holds `below` voxels of a layer, then as many of the next layer. */
+/* The axis of the layers of a segmentation. The file holds `below` voxels of a layer, then as many of the next
+ * layer. */
 struct nrrd_layers {
     size_t count = 1, below = 1;
 };

@@ -33,9 +33,9 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
     return PLIANT_OK;
 }
 
-/* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them. Stored integers span
- * at least a bin each: bins narrower than a step of the values would stay empty in between. In a picture of a few integers, such as a
- * mask, each integer is a spike. */
+/* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them.
+ * Stored integers span at least a bin each: bins narrower than a step of the values would stay empty in between. In a
+ * picture of a few integers, such as a mask, each integer is a spike. */
 void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram)
 {
     const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
@@ -76,8 +76,8 @@ static uint16_t bin_of(const segment_histogram *histogram, double value)
     return (uint16_t)fmin(fmax((value - histogram->low) / histogram->width, 0), SEGMENT_BINS - 1);
 }
 
-/* Standard deviation of the noise: of the differences between neighbours along i, those of most are noise alone (Gaussian: the median of
- * their sizes is 0.6745 sqrt 2 deviations). */
+/* Standard deviation of the noise: of the differences between neighbours along i, those of most are noise alone
+ * (Gaussian: the median of their sizes is 0.6745 sqrt 2 deviations). */
 void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *histogram)
 {
     int64_t total = 0, sum = 0;
@@ -98,9 +98,9 @@ static void find_noise(segment_histogram *histogram, const uint16_t *bins, ptrdi
     segment_set_noise(count, histogram);
 }
 
-/* Sigma filter (Lee 1983): the mean of those of the 27 voxels around that differ by no more than noise does, which sharpens the peaks of
- * the histogram and keeps edges. Voxels most of whose neighbours are not like them lie on an edge, between two tissues, or in a texture as
- * bone has: they count less. */
+/* Sigma filter (Lee 1983): the mean of those of the 27 voxels around that differ by no more than noise does, which
+ * sharpens the peaks of the histogram and keeps edges. Voxels most of whose neighbours are not like them lie on an
+ * edge, between two tissues, or in a texture as bone has: they count less. */
 static const double edge_part = 0.25;
 static void smooth(const pliant_volume *scan, int num_threads, segment_histogram *histogram, const uint16_t *raw, uint16_t *bins,
                    uint8_t *counted)
@@ -214,8 +214,8 @@ static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
     return true;
 }
 
-/* Iterated conditional modes (Besag 1986) of a Potts field, on one colour of a chessboard after the other: the voxels of a colour do
- * not see each other, so their order does not matter. */
+/* Iterated conditional modes (Besag 1986) of a Potts field, on one colour of a chessboard after the other: the voxels
+ * of a colour do not see each other, so their order does not matter. */
 static void agree(const field *f, int num_threads)
 {
     for (int sweep = 0; sweep < SEGMENT_SWEEPS; sweep++) {

@@ -52,7 +52,8 @@ extern const pliant_segment_device pliant_cuda_segment_device;
 /* ---- segment_mixture.c */
 /* Fit by expectation and maximization, from one class up to `most`: of each number the best split of the one before. */
 void segment_fit(const segment_histogram *histogram, int most, segment_fits *out);
-/* The one that the options ask for, or that of the best BIC. out has room for PLIANT_MAX_CLASSES, ascending means; returns how many. */
+/* The one that the options ask for, or that of the best BIC. out has room for PLIANT_MAX_CLASSES, ascending means;
+ * returns how many. */
 int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits, pliant_segment_class *out,
                  double *criterion);
 int segment_most_classes(const pliant_segment_options *options);
@@ -60,10 +61,11 @@ int segment_most_classes(const pliant_segment_options *options);
 void segment_log_densities(const segment_histogram *histogram, const pliant_segment_class *classes, int count, float *out);
 
 /* ---- segment_pieces.c */
-/* Connected voxels (6 neighbours) of one class: piece of every voxel, in the order of their first voxels. Errors: MEMORY. */
+/* Connected voxels (6 neighbours) of one class: piece of every voxel, in the order of their first voxels. Errors:
+ * MEMORY. */
 pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_voxel, int32_t *piece, int32_t *count);
-/* Voxels of pieces below `least` voxels take the class of the nearest voxel of a larger piece, in steps to neighbours; when none is
- * that large, nothing changes. Errors: MEMORY. */
+/* Voxels of pieces below `least` voxels take the class of the nearest voxel of a larger piece, in steps to neighbours;
+ * when none is that large, nothing changes. Errors: MEMORY. */
 pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_t count, double least, uint8_t *class_of_voxel);
 
 #ifdef __cplusplus

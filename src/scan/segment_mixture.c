@@ -6,8 +6,8 @@
 
 enum { TRIAL_PASSES = 30, FINAL_PASSES = 200 };
 
-/* Neighbouring voxels are alike: the scanner's resolution and the noise's reach span a few voxels along each axis, so a volume holds about
- * so many voxels for each independent one. Without this BIC would always take the largest number. */
+/* Neighbouring voxels are alike: the scanner's resolution and the noise's reach span a few voxels along each axis, so a
+ * volume holds about so many voxels for each independent one. Without this BIC would always take the largest number. */
 static const double voxels_a_sample = 64;
 
 static double value_of(const segment_histogram *histogram, int bin) { return histogram->low + (bin + 0.5) * histogram->width; }
@@ -34,8 +34,8 @@ static double responsibilities(const pliant_segment_class *classes, int count, d
 /* Passes until the mean log likelihood of a voxel stands still; returns it. */
 static double maximize(const segment_histogram *histogram, pliant_segment_class *classes, int count, int passes)
 {
-    /* no class is narrower than what bins and noise can tell, or a spike (padding) would make the likelihood infinite and air would be taken
-     * apart; none is wider than tissue is, or one would take what lies between all others */
+    /* no class is narrower than what bins and noise can tell, or a spike (padding) would make the likelihood infinite
+     * and air would be taken apart; none is wider than tissue is, or one would take what lies between all others */
     const double narrowest = fmax(1.5 * histogram->width, 0.5 * histogram->noise), widest = 0.04 * SEGMENT_BINS * histogram->width;
     double likelihood = -INFINITY;
     for (int pass = 0; pass < passes; pass++) {

@@ -1,4 +1,5 @@
-/* Writing volumes, label maps and vector fields: into a file beside the target, which is renamed when it is complete. */
+/* Writing volumes, label maps and vector fields: into a file beside the target, which is renamed when it is
+ * complete. */
 #include "scan/write.h"
 
 #include "base/fail.h"

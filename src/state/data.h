@@ -72,7 +72,8 @@ typedef struct pliant_tool {
     /* SHAPE, written by pliant_tool_set_shape, _set_jaw */
     pliant_tool_shape shape;
     double jaw;            /* angle [rad] */
-    /* PROXY: the simulated tool, which is where the measured one is unless tissue is in the way (sim/step/proxy.h). Of a tool without a shape: where it was as the last step ended */
+    /* PROXY: the simulated tool, which is where the measured one is unless tissue is in the way (sim/step/proxy.h). Of
+     * a tool without a shape: where it was as the last step ended */
     struct {
         bool known;
         bool released;         /* it was placed inside tissue, and touches nothing until it is out of there */

@@ -1,4 +1,5 @@
-/* What a model holds; users see it through the functions of pliant/model.h. Who works on it is in src/fem and src/sim: these are names. */
+/* What a model holds; users see it through the functions of pliant/model.h. Who works on it is in src/fem and src/sim:
+ * these are names. */
 #ifndef PLIANT_STATE_MODEL_H
 #define PLIANT_STATE_MODEL_H
 

@@ -10,10 +10,12 @@
 #include <climits>
 #include <cstring>
 
-/* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often; parts of a frame, of any length, are of these */
+/* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often; parts of
+ * a frame, of any length, are of these */
 static const int32_t longest_graph = 256, relaxation_graph = 32, part_graph = 8;
 
-/* nodes that any tool holds or a contact has, ascending; each tool's; those of contacts; room for so many here and on the GPU */
+/* nodes that any tool holds or a contact has, ascending; each tool's; those of contacts; room for so many here and on
+ * the GPU */
 struct held_nodes { int32_t *held, *node, *near; double *weight; int32_t capacity; };
 
 /* what goes up at the beginning of a frame; the outcome comes down at its end */
@@ -288,7 +290,8 @@ static pliant_status upload_held(pliant_cuda_tled *gpu, int32_t total, int32_t n
     return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream));
 }
 
-/* The nodes that tools hold and those that contacts have, where they are others than in the last frame; each tool's place among them to the frame. */
+/* The nodes that tools hold and those that contacts have, where they are others than in the last frame; each tool's
+ * place among them to the frame. */
 static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
 {
     int32_t total = 0;
@@ -439,7 +442,8 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
     return PLIANT_OK;
 }
 
-/* The end of a frame: what the host keeps arrives beside the old state, which it takes the place of only when it is whole and sound. */
+/* The end of a frame: what the host keeps arrives beside the old state, which it takes the place of only when it is
+ * whole and sound. */
 static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;

@@ -1,5 +1,6 @@
-/* Explicit dynamics on the GPU. Tools, time steps and what to do about divergence stay with the host's pliant_tled; the state stays on
- * the GPU from frame to frame, and displacements and increments come to the host's at the end of each. */
+/* Explicit dynamics on the GPU. Tools, time steps and what to do about divergence stay with the host's pliant_tled;
+ * the state stays on the GPU from frame to frame, and displacements and increments come to the host's at the end of
+ * each. */
 #ifndef PLIANT_CUDA_TLED_H
 #define PLIANT_CUDA_TLED_H
 

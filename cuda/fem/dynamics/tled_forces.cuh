@@ -1,4 +1,5 @@
-/* One element's forces on its corners: the lines of src/fem/element/stress.h around those of src/fem/dynamics/tled_elements.c. */
+/* One element's forces on its corners: the lines of src/fem/element/stress.h around those of
+ * src/fem/dynamics/tled_elements.c. */
 #ifndef PLIANT_CUDA_TLED_FORCES_CUH
 #define PLIANT_CUDA_TLED_FORCES_CUH
 
@@ -45,7 +46,8 @@ static __device__ __forceinline__ void transform(float w[8], bool back)
         }
 }
 
-/* Modes of a hexahedron, differences in double, and the mean gradient; returns the change of volume that it makes. stride: of a node's numbers. */
+/* Modes of a hexahedron, differences in double, and the mean gradient; returns the change of volume that it makes.
+ * stride: of a node's numbers. */
 static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const double *d_from, size_t stride, const gpu_cube &cube, float w[3][8], float h[9])
 {
     double exact[9];
@@ -111,7 +113,8 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
     pliant_subtract_relaxed(h, relaxed, p);
 }
 
-/* rest volume times first Piola-Kirchhoff stress; change: NULL without damping in proportion to stiffness, pressure: NULL where it follows from H */
+/* rest volume times first Piola-Kirchhoff stress; change: NULL without damping in proportion to stiffness, pressure:
+ * NULL where it follows from H */
 template <int LAW, bool VISCOUS>
 static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int from_memory, int32_t element, const float h[9], const float *change, float shear,
                                                       float bulk, const float *pressure, float p[9])

@@ -1,13 +1,15 @@
 /* Explicit dynamics on the GPU: what src/fem/dynamics/tled.h keeps, laid out for one kernel a sub-step.
  *
- * A block has a group of nodes that lie together, and a thread for every element that touches one of them. It keeps the forces in shared
- * memory, sums those on its nodes in the CPU's order, and moves them. Elements between groups are worked out by each: twice the
- * arithmetic in all, for half of the launches, and no forces that go through memory. Neighbours read displacements while others are moved,
- * so there are two of them, which change places in every sub-step.
+ * A block has a group of nodes that lie together, and a thread for every element that touches one of them. It keeps the
+ * forces in shared memory, sums those on its nodes in the CPU's order, and moves them. Elements between groups are
+ * worked out by each: twice the arithmetic in all, for half of the launches, and no forces that go through memory.
+ * Neighbours read displacements while others are moved, so there are two of them, which change places in every
+ * sub-step.
  *
- * Elements are in single precision as on the CPU; displacements, sums over a node's corners and everything of tools and walls are in
- * double. A bar that swings undamped for 10,000 sub-steps is then 8e-7 of its motion away from one that is in double throughout; with
- * displacements in single precision too it is 5e-6, and pressures of nearly incompressible tissue lose a digit more. */
+ * Elements are in single precision as on the CPU; displacements, sums over a node's corners and everything of tools and
+ * walls are in double. A bar that swings undamped for 10,000 sub-steps is then 8e-7 of its motion away from one that is
+ * in double throughout; with displacements in single precision too it is 5e-6, and pressures of nearly incompressible
+ * tissue lose a digit more. */
 #ifndef PLIANT_CUDA_TLED_STATE_H
 #define PLIANT_CUDA_TLED_STATE_H
 
@@ -131,7 +133,8 @@ static inline size_t pliant_cuda_touch_bytes(int32_t points, int32_t near)
 /* Contacts in so many bytes of shared memory, if the kernel has as many left of those. */
 pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, size_t most);
 /* enqueue */
-/* The sub-step with this number in its graph; whether it is one of the frame is seen there. pulled: tools hold nodes, or contacts have some. */
+/* The sub-step with this number in its graph; whether it is one of the frame is seen there. pulled: tools hold nodes,
+ * or contacts have some. */
 pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t number, bool pulled, cudaStream_t stream);
 /* Later graphs of this frame have done so many sub-steps before. */
 pliant_status pliant_cuda_tled_bump(const gpu_tled *tled, int32_t steps, cudaStream_t stream);

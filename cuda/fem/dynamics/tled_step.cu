@@ -5,8 +5,8 @@
 
 #include <climits>
 
-/* Whether there is nothing to do: the frame has no such sub-step, or dynamic relaxation has come to its end. What this sub-step itself
- * finds is not seen, so that all blocks say the same. */
+/* Whether there is nothing to do: the frame has no such sub-step, or dynamic relaxation has come to its end. What this
+ * sub-step itself finds is not seen, so that all blocks say the same. */
 static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t step)
 {
     const gpu_outcome *outcome = tled.d_outcome;
@@ -79,8 +79,8 @@ struct component {
     double u, d, factor, kept;
 };
 
-/* Load the node and its corners. load_component loads the rest after the element forces. Fewer live registers let a multiprocessor hold
- * more blocks, and the sum over the corners hides the latency. */
+/* Load the node and its corners. load_component loads the rest after the element forces. Fewer live registers let a
+ * multiprocessor hold more blocks, and the sum over the corners hides the latency. */
 static __device__ __forceinline__ component find_component(const gpu_tled &tled, int32_t first, int32_t count)
 {
     component out = {};
@@ -127,16 +127,16 @@ static __device__ __forceinline__ void share(double mine, int k, double all[3])
 /* an index that is known only while running would put the array into slow memory */
 static __device__ __forceinline__ double pick(const double all[3], int k) { return k == 0 ? all[0] : k == 1 ? all[1] : all[2]; }
 
-/* Cases of the sub-step kernel. A simpler case needs fewer registers, so that a multiprocessor holds more blocks of 256 threads: 4 blocks
- * up to 64 registers, 3 up to 80, 2 up to 128. */
+/* Cases of the sub-step kernel. A simpler case needs fewer registers, so that a multiprocessor holds more blocks of 256
+ * threads: 4 blocks up to 64 registers, 3 up to 80, 2 up to 128. */
 enum kernel_kind {
     FREE_TETS,                 /* tetrahedra that meet no wall */
     TETS,
     ANY_ELEMENTS               /* hexahedra too, or damping in proportion to stiffness */
 };
 
-/* A node that moves, by central differences: from its acceleration to where it is next. By all threads of a warp; returns the component of
- * the acceleration by all forces. */
+/* A node that moves, by central differences: from its acceleration to where it is next. By all threads of a warp;
+ * returns the component of the acceleration by all forces. */
 template <bool WALLS>
 static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next, double *d_d)
 {
@@ -163,9 +163,9 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
     return acceleration;
 }
 
-/* The error of time integration at a node that moves, before it does: error_at in src/fem/dynamics/tled_step.c. What its acceleration was follows from the
- * last two increments. By all threads of a warp.
- *  @param older the increment before the last */
+/* The error of time integration at a node that moves, before it does: error_at in src/fem/dynamics/tled_step.c. What
+ * its acceleration was follows from the last two increments. By all threads of a warp. @param older the increment
+ * before the last */
 template <bool WALLS>
 static __device__ __forceinline__ double error_of_component(const gpu_tled &tled, const component &at, double acceleration, double older)
 {

@@ -1,4 +1,5 @@
-/* What touches the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools and contacts, by one block when all nodes are moved. */
+/* What touches the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools and contacts,
+ * by one block when all nodes are moved. */
 #ifndef PLIANT_CUDA_TLED_TOOLS_CUH
 #define PLIANT_CUDA_TLED_TOOLS_CUH
 
@@ -167,9 +168,9 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
     if (threadIdx.x == 0) tled.d_outcome->tool_load = load;
 }
 
-/* What moves held nodes after all others: the tools, contacts, then walls and limits as for any node. Their part of the residual; each thread tells
- * whether one of its own moved faster than sound.
- *  @param made sub-steps of this part of the frame before this one */
+/* What moves held nodes after all others: the tools, contacts, then walls and limits as for any node. Their part of the
+ * residual; each thread tells whether one of its own moved faster than sound. @param made sub-steps of this part of the
+ * frame before this one */
 static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made, double *d_u, double *d_d,
                                                        gpu_tool_work *work, const gpu_touch_room &room, double *residual)
 {

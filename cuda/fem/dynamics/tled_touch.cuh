@@ -58,7 +58,8 @@ static __device__ void store_near(const gpu_tled &tled, int32_t count, double *d
     }
 }
 
-/* A level after the other; returns this thread's part of the load. made: sub-steps of this part of the frame before this one */
+/* A level after the other; returns this thread's part of the load. made: sub-steps of this part of the frame before
+ * this one */
 static __device__ double touch_all(const gpu_tled &tled, const gpu_frame &frame, double factor, int32_t made, double *d_u, double *d_d, const gpu_touch_room &room)
 {
     const pliant_touch_time time = pliant_touch_time_of(tled.still, factor, frame.substeps, made);

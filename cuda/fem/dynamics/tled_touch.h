@@ -1,5 +1,5 @@
-/* Contacts of explicit dynamics on the GPU: points are found by the host as a frame begins (src/sim/step/contact.c), put right in every sub-step by one block
- * (tled_touch.cuh), and their forces come back as it ends. */
+/* Contacts of explicit dynamics on the GPU: points are found by the host as a frame begins (src/sim/step/contact.c),
+ * put right in every sub-step by one block (tled_touch.cuh), and their forces come back as it ends. */
 #ifndef PLIANT_CUDA_TLED_TOUCH_H
 #define PLIANT_CUDA_TLED_TOUCH_H
 
@@ -9,8 +9,8 @@
 extern "C" {
 #endif
 
-/* The points of a frame by levels: each comes after those before it that it has a node in common with, so that points of one level can be put right at
- * once, and the outcome is that of one after the other. */
+/* The points of a frame by levels: each comes after those before it that it has a node in common with, so that points
+ * of one level can be put right at once, and the outcome is that of one after the other. */
 typedef struct gpu_touching {
     int32_t num_points, num_levels, num_near;
     int32_t room_points, room_near;
@@ -24,8 +24,8 @@ typedef struct gpu_touching {
 } gpu_touching;
 
 void pliant_cuda_touching_free(gpu_touching *touching, gpu_tled *tled);
-/* The points of this frame, which has begun (pliant_tled_touch_begin), sorted. moved: out: rooms are elsewhere, for what was recorded with them.
- * Errors: MEMORY. */
+/* The points of this frame, which has begun (pliant_tled_touch_begin), sorted. moved: out: rooms are elsewhere, for
+ * what was recorded with them. Errors: MEMORY. */
 pliant_status pliant_cuda_touching_sort(const pliant_tled *tled, gpu_touching *touching, gpu_tled *gpu, bool *moved);
 pliant_status pliant_cuda_touching_send(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream);
 /* enqueue; then, when they have come, to the host's */

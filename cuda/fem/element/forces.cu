@@ -140,7 +140,8 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     if (thread < GATHER_SUMS) iteration.d_sums[gridDim.x * (unsigned)thread + blockIdx.x] = sums[thread][0];
 }
 
-/* What an element says of the axes of its nodes (nodal_rotations.h): V mu F, at rest F0 = I; a homogenized one has a rotation only. */
+/* What an element says of the axes of its nodes (nodal_rotations.h): V mu F, at rest F0 = I; a homogenized one has a
+ * rotation only. */
 static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_system system, gpu_iteration iteration)
 {
     int t = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);

@@ -192,7 +192,8 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
     }
 }
 
-/* The same for cubes with no more unknowns than a warp has lanes: a warp a cube, a lane an unknown, each row read once. */
+/* The same for cubes with no more unknowns than a warp has lanes: a warp a cube, a lane an unknown, each row read
+ * once. */
 static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system system, gpu_iteration iteration)
 {
     __shared__ double shared[CUBES][WARP];

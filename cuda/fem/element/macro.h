@@ -14,7 +14,8 @@ extern "C" {
 struct gpu_system;
 struct gpu_iteration;
 
-/* As struct pliant_macros has them, what it keeps a cube on its own after each other. Every pointer is of the device. */
+/* As struct pliant_macros has them, what it keeps a cube on its own after each other. Every pointer is of the
+ * device. */
 typedef struct gpu_macros {
     int32_t count, corners;    /* 0: there are none */
     int32_t most_unknowns, most_rank; /* of a cube */
@@ -31,14 +32,15 @@ typedef struct gpu_macros {
 
 enum { MACRO_ARRAYS = 17 };
 
-/* Made, or those of the next body in the place of those before; room: (MACRO_ARRAYS) bytes of its arrays. Errors: MEMORY, UNAVAILABLE. What was made until
- * then is freed by the caller. */
+/* Made, or those of the next body in the place of those before; room: (MACRO_ARRAYS) bytes of its arrays. Errors:
+ * MEMORY, UNAVAILABLE. What was made until then is freed by the caller. */
 pliant_status pliant_cuda_macros_set(const pliant_macros *macros, bool grows, cudaStream_t stream, size_t *room, gpu_macros *out);
 void pliant_cuda_macros_free(gpu_macros *macros);
 
 /* Forces of the iterate under evaluation to d_element_force, four numbers a corner. */
 pliant_status pliant_cuda_macro_forces(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
-/* What cubes of the present iterate say of the axes of their nodes (nodal_rotations.h) to d_rotations, 16 numbers a cube. */
+/* What cubes of the present iterate say of the axes of their nodes (nodal_rotations.h) to d_rotations, 16 numbers a
+ * cube. */
 pliant_status pliant_cuda_macro_rotations(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);
 /* Frames of the cubes of the present iterate, to d_frame. */
 pliant_status pliant_cuda_macro_frames(const struct gpu_system *system, const struct gpu_iteration *iteration, cudaStream_t stream);

@@ -1,4 +1,5 @@
-/* The rotation nearest to a deformation gradient (src/fem/element/corotational.h), one element a thread. Row-major 3 x 3. */
+/* The rotation nearest to a deformation gradient (src/fem/element/corotational.h), one element a thread. Row-major 3 x
+ * 3. */
 #ifndef PLIANT_CUDA_ROTATION_CUH
 #define PLIANT_CUDA_ROTATION_CUH
 

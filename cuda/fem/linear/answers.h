@@ -1,5 +1,5 @@
-/* Columns of what stands for the inverse, for the unknowns that contacts move: kept from step to step while the same ones are asked for, as
- * src/fem/linear/answers.h keeps what it knows. */
+/* Columns of what stands for the inverse, for the unknowns that contacts move: kept from step to step while the same
+ * ones are asked for, as src/fem/linear/answers.h keeps what it knows. */
 #ifndef PLIANT_CUDA_ANSWERS_H
 #define PLIANT_CUDA_ANSWERS_H
 
@@ -24,7 +24,8 @@ typedef struct gpu_answers {
 void pliant_cuda_answers_free(gpu_answers *answers);
 /* Of another preconditioner: nothing is known. */
 void pliant_cuda_answers_forget(gpu_answers *answers);
-/* Makes sure of the columns of these unknown nodes (all different). made: out: some were missing; takes d_right then. Errors: MEMORY, UNAVAILABLE. */
+/* Makes sure of the columns of these unknown nodes (all different). made: out: some were missing; takes d_right then.
+ * Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_answers_find(gpu_answers *answers, const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count,
                                        const int32_t *unknown, cudaStream_t stream, bool *made);
 

@@ -118,7 +118,8 @@ static __device__ double macro_entry_at_rest(const gpu_macros &macros, int eleme
     return sum;
 }
 
-/* One block an inner node: its columns, from the diagonal on down, element after element; nine threads a corner of the element, of up to eight at a time. */
+/* One block an inner node: its columns, from the diagonal on down, element after element; nine threads a corner of the
+ * element, of up to eight at a time. */
 static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
 {
     const int own = (int)blockIdx.x, node = carried.d_near[own], at = unknown_of(matrix, own);

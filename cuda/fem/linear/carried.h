@@ -1,8 +1,10 @@
-/* A preconditioner of a body before, carried over to the next one (src/fem/linear/carried.h has the formula and what it is around):
+/* A preconditioner of a body before, carried over to the next one (src/fem/linear/carried.h has the formula and what it
+ * is around):
  *     M^-1 = S + E P V P' E',  E = I - S K
- * With inner unknowns i, where S is the inverse of the stiffness, and outer ones o, which share an element with an inner one, E leaves
- * what it is given but for inner unknowns, where it puts -S K_io v_o. S and K_oi S are kept dense; both come of one symmetric sweep over
- * the inner unknowns. As all that stands for an inverse on the GPU, they are of rest, and vectors are in the nodes' own axes. */
+ * With inner unknowns i, where S is the inverse of the stiffness, and outer ones o, which share an element with an
+ * inner one, E leaves what it is given but for inner unknowns, where it puts -S K_io v_o. S and K_oi S are kept dense;
+ * both come of one symmetric sweep over the inner unknowns. As all that stands for an inverse on the GPU, they are of
+ * rest, and vectors are in the nodes' own axes. */
 #ifndef PLIANT_CUDA_CARRIED_H
 #define PLIANT_CUDA_CARRIED_H
 
@@ -38,15 +40,15 @@ typedef struct gpu_carried_room {
     int32_t *h_source;            /* (num_free) of the host; NULL: nothing is carried over */
 } gpu_carried_room;
 
-/* h_source: (num_free) of pliant_alloc, taken over, also on an error; base: what V is of. *possible: false: too much is opened, and nothing was done but that.
- * Errors: MEMORY, UNAVAILABLE. */
+/* h_source: (num_free) of pliant_alloc, taken over, also on an error; base: what V is of. *possible: false: too much is
+ * opened, and nothing was done but that. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, const pliant_carried_layout *base, int32_t *h_source,
                                       cudaStream_t stream, gpu_carried *carried, gpu_carried_room *room, bool *possible);
 void pliant_cuda_carried_clear(gpu_carried *carried, gpu_carried_room *room); /* nothing is carried over; arrays stay */
 void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room *room);
 
-/* Kernels are loaded when they are first used, which waits for all that the device does: what steps may want while something is made in the
- * background is loaded ahead. */
+/* Kernels are loaded when they are first used, which waits for all that the device does: what steps may want while
+ * something is made in the background is loaded ahead. */
 pliant_status pliant_cuda_carried_load(void);
 
 /* The two halves of a product, before and after the base's d_left = V d_right. */

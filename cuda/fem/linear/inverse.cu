@@ -177,8 +177,8 @@ static __device__ __forceinline__ float sum_rows(float *p, int lane)
     return p[0] + __shfl_xor_sync(0xffffffff, p[0], 1);
 }
 
-/* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its column. Of several vectors the tile is
- * read once. */
+/* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its
+ * column. Of several vectors the tile is read once. */
 template <bool SEVERAL>
 static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, const int *d_skip, int count, size_t stride, const float *__restrict__ d_right)
 {

@@ -131,7 +131,8 @@ static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *syst
     return status;
 }
 
-/* On fragments where cuts have gone; where these are too many for the dense level, as before the cuts. *out: NULL: too many as well */
+/* On fragments where cuts have gone; where these are too many for the dense level, as before the cuts. *out: NULL: too
+ * many as well */
 static pliant_status find_levels(const pliant_system *system, int32_t largest, pliant_hierarchy **out)
 {
     for (bool fragments : {true, false}) {
@@ -175,7 +176,8 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
 
 extern "C" size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { return multigrid->bytes; }
 
-/* ---- the cycle, of one vector or, by blocks' second index, several. Eight threads a node: they share out the blocks of its row. */
+/* ---- the cycle, of one vector or, by blocks' second index, several. Eight threads a node: they share out the blocks
+ * of its row. */
 
 struct vector3 { float x, y, z; };
 
@@ -327,7 +329,8 @@ extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multig
 
 /* ---- columns */
 
-/* Levels' arrays lie one after the other in one block: made amid a step, many would take longer than what they are for. */
+/* Levels' arrays lie one after the other in one block: made amid a step, many would take longer than what they are
+ * for. */
 static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
 {
     wide_room *wide = &multigrid->wide;

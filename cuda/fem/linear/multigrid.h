@@ -1,4 +1,5 @@
-/* The preconditioner of large systems: one V-cycle (src/fem/linear/multigrid.c), in float, down to a level whose inverse is dense. */
+/* The preconditioner of large systems: one V-cycle (src/fem/linear/multigrid.c), in float, down to a level whose
+ * inverse is dense. */
 #ifndef PLIANT_CUDA_MULTIGRID_H
 #define PLIANT_CUDA_MULTIGRID_H
 
@@ -11,8 +12,8 @@ extern "C" {
 
 typedef struct gpu_multigrid gpu_multigrid;
 
-/* x: (nodes x 3) positions that it is made at. largest: free nodes that the dense level may have. *out is NULL when the lattice cannot be coarsened so far.
- * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
+/* x: (nodes x 3) positions that it is made at. largest: free nodes that the dense level may have. *out is NULL when the
+ * lattice cannot be coarsened so far. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
 pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);

@@ -7,11 +7,13 @@
 
 enum { THREADS = 128 };
 
-/* Free nodes up to which the dense inverse is quicker than a V-cycle, and that the dense level of a V-cycle may have; up to
- * which an inverse may be asked for explicitly (its double-precision making takes 9 bytes x unknowns^2 and more). */
+/* Free nodes up to which the dense inverse is quicker than a V-cycle, and that the dense level of a V-cycle may
+ * have; up to which an inverse may be asked for explicitly (its double-precision making takes 9 bytes x unknowns^2
+ * and more). */
 enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_ASKED = 16000 };
 
-/* The three columns of a block, of that on the diagonal from the diagonal on (src/fem/linear/pattern.c says how the numbers lie). */
+/* The three columns of a block, of that on the diagonal from the diagonal on (src/fem/linear/pattern.c says how the
+ * numbers lie). */
 struct block_place { double *column[3]; };
 
 static block_place place_of_block(const pliant_pattern *pattern, int32_t column, int32_t block, double *values)

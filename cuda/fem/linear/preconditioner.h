@@ -1,4 +1,5 @@
-/* What stands for the inverse of the stiffness matrix, turned along with the tissue at each node: that at rest, or of a state, turned back to rest. */
+/* What stands for the inverse of the stiffness matrix, turned along with the tissue at each node: that at rest, or of a
+ * state, turned back to rest. */
 #ifndef PLIANT_CUDA_PRECONDITIONER_H
 #define PLIANT_CUDA_PRECONDITIONER_H
 
@@ -21,24 +22,26 @@ typedef struct gpu_preconditioner {
     gpu_carried_room room;
 } gpu_preconditioner;
 
-/* A state that one is made at, of the host: nodes (x 3), and the axes of the unknown ones there (x 9). At rest: NULL in place of it. */
+/* A state that one is made at, of the host: nodes (x 3), and the axes of the unknown ones there (x 9). At rest: NULL in
+ * place of it. */
 typedef struct gpu_state_made_at {
     const double *x, *axes;
 } gpu_state_made_at;
 
-/* auto: whatever is quicker for so many nodes. at: Nullable; where the exact matrix is not positive definite there, it is that part of it which is. The system
- * has its pattern. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
+/* auto: whatever is quicker for so many nodes. at: Nullable; where the exact matrix is not positive definite there, it
+ * is that part of it which is. The system has its pattern. Errors: MEMORY (with figures), NUMERIC, UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_create(const pliant_system *system, pliant_preconditioner_choice choice, const gpu_state_made_at *at, cudaStream_t stream,
                                                 gpu_preconditioner *out);
 void pliant_cuda_preconditioner_free(gpu_preconditioner *preconditioner);
 /* d_left = M d_right of the iteration; nothing where the state says that it skips. */
 pliant_status pliant_cuda_precondition(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, cudaStream_t stream);
-/* Z = T M T' W' for one tool's W, with T the turn at each node: d_response (3 x 3 num_free). Takes d_right and d_left. */
+/* Z = T M T' W' for one tool's W, with T the turn at each node: d_response (3 x 3 num_free). Takes d_right and
+ * d_left. */
 pliant_status pliant_cuda_respond(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, const gpu_tool *tool, double *d_response,
                                   cudaStream_t stream);
 
-/* Columns of M, at rest: three for each unknown node. which: (count x 2) unknown node and the first of the slots of its columns, of the host and of the
- * GPU; d_column + stride slot: a column, padded. Takes d_right. */
+/* Columns of M, at rest: three for each unknown node. which: (count x 2) unknown node and the first of the slots of its
+ * columns, of the host and of the GPU; d_column + stride slot: a column, padded. Takes d_right. */
 pliant_status pliant_cuda_columns(const gpu_preconditioner *preconditioner, const gpu_iteration *iteration, int32_t count, const int32_t *h_which,
                                   const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);
 

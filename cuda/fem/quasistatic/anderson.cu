@@ -8,7 +8,8 @@ enum { THREADS = 256 };
 
 /* ---- at the beginning of a step */
 
-/* inverse of the leading rows x rows of a, by Gauss and Jordan with row exchanges; one thread a column. false: singular */
+/* inverse of the leading rows x rows of a, by Gauss and Jordan with row exchanges; one thread a column. false:
+ * singular */
 static __device__ bool invert_rows(int rows, double (*a)[2 * GPU_ROWS])
 {
     const int thread = (int)threadIdx.x;
@@ -153,7 +154,8 @@ static __device__ void find_spring_pull(const gpu_state &state, int first_node, 
     }
 }
 
-/* A node's residual without the springs' part, and that of the end of the step before (past), which for KNOWN is this state. */
+/* A node's residual without the springs' part, and that of the end of the step before (past), which for KNOWN is this
+ * state. */
 template <bool KNOWN> static __device__ void take_residual(const gpu_iteration &iteration, const gpu_state &state, int target, size_t i, double *residual,
                                                            double *past)
 {
@@ -204,9 +206,10 @@ static __device__ void list_secants(const gpu_iteration &iteration, const gpu_st
     if (lane == 0) *count = __popc(all);
 }
 
-/* The step complete, and its products: with its own residual, crosswise with the present iterate's, with that of the state before, secants'
- * with its residual, at first secants' with that of the state before; the largest nodal residual. One thread a node. KNOWN: a step's first
- * state is as the last one's end, and so is what the preconditioner gave. */
+/* The step complete, and its products: with its own residual, crosswise with the present iterate's, with that of the
+ * state before, secants' with its residual, at first secants' with that of the state before; the largest nodal
+ * residual. One thread a node. KNOWN: a step's first state is as the last one's end, and so is what the preconditioner
+ * gave. */
 template <bool KNOWN> static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
     __shared__ spring_share share;
@@ -287,8 +290,8 @@ static __device__ void list_weights(const gpu_iteration &iteration, const gpu_st
     if (lane == 0) list.count = __popc(all);
 }
 
-/* The secant and the proposal at one node: what is left, what the proposal moves, and what was left at the state before, in the node's own
- * axes. */
+/* The secant and the proposal at one node: what is left, what the proposal moves, and what was left at the state
+ * before, in the node's own axes. */
 static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state, const pliant_anderson &rules, const weighted &list, size_t node,
                                     double *left, double *made, double *past)
 {
@@ -329,7 +332,8 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
     for (int d = 0; d < 3; d++) iteration.d_x[1 - now][x + d] = next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + damping * out[d];
 }
 
-/* All blocks are done: whether what is left is little enough, or else the blind step, and then its end. rules: a copy in shared memory */
+/* All blocks are done: whether what is left is little enough, or else the blind step, and then its end. rules: a copy
+ * in shared memory */
 static __device__ void settle(gpu_state &state, pliant_anderson &rules)
 {
     double largest[4];

@@ -1,6 +1,6 @@
-/* The first step after a cut on the GPU, as src/fem/quasistatic/opened.c finds it on the CPU: vectors stay here, what is decided of a few numbers the
- * host decides. Only of a fresh state: it is in the first buffer, nothing else is known of it, and no step is under way. Where points of contact
- * are near, there is none. */
+/* The first step after a cut on the GPU, as src/fem/quasistatic/opened.c finds it on the CPU: vectors stay here, what
+ * is decided of a few numbers the host decides. Only of a fresh state: it is in the first buffer, nothing else is known
+ * of it, and no step is under way. Where points of contact are near, there is none. */
 #include "cuda/fem/quasistatic/axes.cuh"
 #include "cuda/base/check.h"
 #include "base/dense.h"
@@ -374,7 +374,8 @@ static pliant_status multiply(const opening *work, double share, double *curvatu
     return add_up(work, curvature, nullptr);
 }
 
-/* The state's residual, and from it the first direction. led: what holds has moved since the last step, and the direction is to be gone as it is */
+/* The state's residual, and from it the first direction. led: what holds has moved since the last step, and the
+ * direction is to be gone as it is */
 static pliant_status begin(opening *work, bool *led)
 {
     const pliant_cuda_solver *gpu = work->gpu;

@@ -1,6 +1,7 @@
-/* A preconditioner made in the background, as src/fem/quasistatic/refresh.c makes factors: begun in one step, put to use a fixed number of
- * steps later or as background.h says. What is being made for a body when the next one comes becomes the base of what is carried over.
- * These are of rest. One of the state of now is made amid a step, which waits for it; where it serves badly later, one of rest follows. */
+/* A preconditioner made in the background, as src/fem/quasistatic/refresh.c makes factors: begun in one step, put to
+ * use a fixed number of steps later or as background.h says. What is being made for a body when the next one comes
+ * becomes the base of what is carried over. These are of rest. One of the state of now is made amid a step, which waits
+ * for it; where it serves badly later, one of rest follows. */
 #include "base/account.h"
 #include "base/fail.h"
 #include "base/room.h"
@@ -201,7 +202,8 @@ static void stop(pliant_cuda_solver *gpu)
     forget_body(renewal);
 }
 
-/* In place of the one at hand, of the same body or carried over to it. at: Nullable. Where none can be made, the old one stays. */
+/* In place of the one at hand, of the same body or carried over to it. at: Nullable. Where none can be made, the old
+ * one stays. */
 static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, bool *made)
 {
     gpu_preconditioner other = {};

@@ -142,7 +142,8 @@ static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *han
     return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
 }
 
-/* What the tools do in this step; the responses of those that took hold or that the preconditioner left behind: *responded, and what it gave is lost. */
+/* What the tools do in this step; the responses of those that took hold or that the preconditioner left behind:
+ * *responded, and what it gave is lost. */
 static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, bool *responded)
 {
     bool fresh = false;
@@ -215,7 +216,8 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
 }
 
-/* What the host's limits say of it, and what is known of its first state. opened: out: evaluations before it, of the step after a cut */
+/* What the host's limits say of it, and what is known of its first state. opened: out: evaluations before it, of the
+ * step after a cut */
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step,
                              int32_t *opened)
 {

@@ -1,4 +1,5 @@
-/* What the quasi-static solve keeps on the GPU from step to step, for the files that make it, step it and carry it over. */
+/* What the quasi-static solve keeps on the GPU from step to step, for the files that make it, step it and carry it
+ * over. */
 #ifndef PLIANT_CUDA_SOLVER_H
 #define PLIANT_CUDA_SOLVER_H
 
@@ -65,14 +66,15 @@ enum { PLIANT_CUDA_OPEN_PART = 2 }; /* of a step's evaluations, so many more: ha
 pliant_status pliant_cuda_open_load(void);
 /* Room for it. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_solver_open_room(pliant_cuda_solver *gpu);
-/* Before the first step of a fresh state, with its load, tools and limit: where a cut came before it, to where Newton's step leads, and so do axes and
- * tools' forces; the step is told. evaluations: out: that it took; 0: there was none. Errors: MEMORY, UNAVAILABLE. */
+/* Before the first step of a fresh state, with its load, tools and limit: where a cut came before it, to where Newton's
+ * step leads, and so do axes and tools' forces; the step is told. evaluations: out: that it took; 0: there was none.
+ * Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, int32_t *evaluations);
 
 /* ---- evaluate.cu: the evaluation as a graph. */
 pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu);
-/* A step's first evaluation; known: as pliant_cuda_complete has it. Few kernels go one by one: the GPU begins with the first of them sooner
- * than with a graph, and works on those while graphs follow. */
+/* A step's first evaluation; known: as pliant_cuda_complete has it. Few kernels go one by one: the GPU begins with the
+ * first of them sooner than with a graph, and works on those while graphs follow. */
 pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *gpu, bool known);
 /* The two halves of an evaluation, between which contacts find their forces: up to the free step, and from there on. */
 pliant_status pliant_cuda_solver_look(pliant_cuda_solver *gpu);
@@ -81,18 +83,21 @@ pliant_status pliant_cuda_solver_judge(const pliant_cuda_solver *gpu);
 pliant_status pliant_cuda_solver_evaluate_touching(pliant_cuda_solver *gpu);
 
 /* ---- renew.cu: a preconditioner of its own for a body whose one is carried over, made in the background */
-/* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY, UNAVAILABLE; where none
- * could be made, the old one stays. */
+/* At the start of a step: what has arrived is put to use (*renewed), and the next one begun. Errors: MEMORY,
+ * UNAVAILABLE; where none could be made, the old one stays. */
 pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const pliant_solver *solver, pliant_statistics *statistics, bool *renewed);
-/* One for the system at hand, waited for and timed. at: Nullable: at rest. Errors: MEMORY, NUMERIC, UNAVAILABLE; out may hold part of it then. */
+/* One for the system at hand, waited for and timed. at: Nullable: at rest. Errors: MEMORY, NUMERIC, UNAVAILABLE; out
+ * may hold part of it then. */
 pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out);
-/* How long it takes, once more, since the first one of a process loads kernels. Without memory for it that stands. Errors: UNAVAILABLE. */
+/* How long it takes, once more, since the first one of a process loads kernels. Without memory for it that stands.
+ * Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu, const pliant_solver *solver);
-/* In place of one of this body: of the state that the step has led to, at once; *made: false: none could be made, or it is carried over from a body before. It
- * turns the axes. Errors: MEMORY, UNAVAILABLE. */
+/* In place of one of this body: of the state that the step has led to, at once; *made: false: none could be made, or it
+ * is carried over from a body before. It turns the axes. Errors: MEMORY, UNAVAILABLE. */
 /* Where the one in use is of a state: of rest. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_renew_at_rest(pliant_cuda_solver *gpu, const pliant_solver *solver);
-/* The next body: what is under way will be of the one before. node: (nodes of the solved mesh) of that one's. Errors: MEMORY. */
+/* The next body: what is under way will be of the one before. node: (nodes of the solved mesh) of that one's. Errors:
+ * MEMORY. */
 pliant_status pliant_cuda_renewal_follow(pliant_cuda_solver *gpu, int32_t num_nodes, const int32_t *node);
 void pliant_cuda_renewal_free(pliant_cuda_solver *gpu); /* waits for the background */
 

@@ -232,8 +232,8 @@ static pliant_status download_state(const pliant_cuda_solver *gpu)
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream));
 }
 
-/* The forces of an evaluation are found here while the GPU waits; whether it is taken, and what comes next, is told there, and seen with what the next
- * one measures. */
+/* The forces of an evaluation are found here while the GPU waits; whether it is taken, and what comes next, is told
+ * there, and seen with what the next one measures. */
 static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
 {
     gpu_touches *touches = &gpu->touches;

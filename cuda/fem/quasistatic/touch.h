@@ -1,5 +1,6 @@
-/* Contact in the quasi-static solve on the GPU, by the rules of src/fem/quasistatic/contact.h. The host says where points are. One block finds their forces
- * (cone_rules.h), and evaluations follow each other without the host; those of more points than that takes are found by the host, while the GPU waits. */
+/* Contact in the quasi-static solve on the GPU, by the rules of src/fem/quasistatic/contact.h. The host says where
+ * points are. One block finds their forces (cone_rules.h), and evaluations follow each other without the host; those of
+ * more points than that takes are found by the host, while the GPU waits. */
 #ifndef PLIANT_CUDA_TOUCH_H
 #define PLIANT_CUDA_TOUCH_H
 
@@ -51,7 +52,8 @@ typedef struct gpu_touches {
 struct pliant_cuda_solver;
 
 void pliant_cuda_touches_free(gpu_touches *touches);
-/* A step's evaluations with the points of solver->touches, one of which there is at least: as those without (solve.cu). */
+/* A step's evaluations with the points of solver->touches, one of which there is at least: as those without
+ * (solve.cu). */
 pliant_status pliant_cuda_touches_run(struct pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step);
 /* Where it has led the points (pliant_touches_tell). */
 const double *pliant_cuda_touches_moved(const gpu_touches *touches);
