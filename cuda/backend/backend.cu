@@ -172,7 +172,8 @@ static pliant_status bring(const pliant_model *, pliant_data *data)
     return PLIANT_OK;
 }
 
-/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are moved by it. */
+/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are
+ * moved by it. */
 static pliant_status hand_over(const pliant_model *model, pliant_data *data)
 {
     CUDA_TRY(enqueue_upsample(data));

@@ -1,7 +1,9 @@
-/* Which tetrahedra overlap: lists of those in every cell of a grid, pairs of a list whose boxes meet, and which of those overlap.
+/* Which tetrahedra overlap: lists of those in every cell of a grid, pairs of a list whose boxes meet, and which of
+ * those overlap.
  *
- * Cells have no bounds: a table takes them by a hash of their place, and an entry tells which cell it is of. How long each list is is counted first, then
- * lists lie one after the other, and threads share what comes after each entry. Pairs are the same in any order, and are sorted where they are asked for. */
+ * Cells have no bounds: a table takes them by a hash of their place, and an entry tells which cell it is of. How long
+ * each list is is counted first, then lists lie one after the other, and threads share what comes after each entry.
+ * Pairs are the same in any order, and are sorted where they are asked for. */
 #include "cuda/contact/overlaps.cuh"
 
 #include "contact/detect/overlap.h"
@@ -110,7 +112,8 @@ __global__ void __launch_bounds__(THREADS) fill_kernel(view v)
 
 struct met { unsigned long long cell; int32_t a, b; };
 
-/* Of one warp: pairs whose boxes meet, and those of them that are to be tested, until there are enough for all its threads. */
+/* Of one warp: pairs whose boxes meet, and those of them that are to be tested, until there are enough for all its
+ * threads. */
 struct desk { met pairs[64]; int2 tests[64]; };
 struct waiting { int pairs, tests; };
 

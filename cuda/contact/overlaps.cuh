@@ -52,7 +52,8 @@ static __device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b
     return ((unsigned long long)a & mask) | ((unsigned long long)b & mask) << 21 | ((unsigned long long)c & mask) << 42;
 }
 
-/* Whether lists and pairs are whole: whoever finds that they have too little room does nothing, and it is all done again with more. */
+/* Whether lists and pairs are whole: whoever finds that they have too little room does nothing, and it is all done
+ * again with more. */
 static __device__ __forceinline__ bool are_whole(const view &v) { return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] <= v.now->most; }
 
 } // namespace overlaps

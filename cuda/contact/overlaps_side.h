@@ -1,5 +1,5 @@
-/* How wide the cells of a grid of tetrahedra are: as asked for, wider while a box would lie in too many of them, or all boxes in more than there is room for,
- * and as asked for again after that. */
+/* How wide the cells of a grid of tetrahedra are: as asked for, wider while a box would lie in too many of them, or all
+ * boxes in more than there is room for, and as asked for again after that. */
 #ifndef PLIANT_CUDA_OVERLAPS_SIDE_H
 #define PLIANT_CUDA_OVERLAPS_SIDE_H
 
@@ -26,8 +26,8 @@ static inline unsigned long long gpu_cells_most(const gpu_cells *cells)
     return (unsigned long long)fmin(GPU_MOST_CELLS * gpu_cells_coarser(cells), GPU_MOST_FINE_CELLS);
 }
 
-/* After a search. widest: in how many such cells the widest box lies, those in too many alone; entries: places in the grid, of which there may be `most`.
- * true: cells are wider now, and it is to be made again */
+/* After a search. widest: in how many such cells the widest box lies, those in too many alone; entries: places in the
+ * grid, of which there may be `most`. true: cells are wider now, and it is to be made again */
 static inline bool gpu_cells_follow(gpu_cells *cells, unsigned long long widest, unsigned long long entries, unsigned long long most)
 {
     const double goes_on = 2; /* times, that the box may grow in the next step */

@@ -1,5 +1,5 @@
-/* The search for tissue that touches tissue, on the GPU: what depends on the body alone is sent when it is another one, in a step positions go up and what
- * nodes touch comes back. */
+/* The search for tissue that touches tissue, on the GPU: what depends on the body alone is sent when it is another one,
+ * in a step positions go up and what nodes touch comes back. */
 #include "cuda/contact/tissue.h"
 
 #include "cuda/base/check.h"

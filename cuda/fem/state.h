@@ -1,6 +1,6 @@
-/* The solver's state on the GPU: what src/fem/quasistatic/solver.c keeps, laid out for kernels that decide by
- * themselves, so that the host looks only when a step is done. Iterate `now` and the trial are buffers 0 and 1 and
- * change places. */
+/* State of the quasi-static solver on the GPU. It corresponds to src/fem/quasistatic/solver.c, laid out so that kernels
+ * decide without the host. The host reads the state once at the end of a step. The present iterate and the trial are
+ * buffers 0 and 1, in either order. */
 #ifndef PLIANT_CUDA_STATE_H
 #define PLIANT_CUDA_STATE_H
 
@@ -15,7 +15,7 @@ extern "C" {
 enum { GATHER_SUMS = 2, SINGLE_SUMS = 5, DOT_SUMS = SINGLE_SUMS + 2 * PLIANT_MAX_HISTORY };
 enum { GPU_ROWS = PLIANT_MAX_ROWS, GPU_HISTORY = PLIANT_MAX_HISTORY, GPU_TOOLS = PLIANT_MAX_TOOLS };
 
-/* What a tool does to the unknowns in this step (struct pliant_handle). Pointers are of the device. */
+/* A tool's effect on the unknowns in this step (struct pliant_handle). Pointers are device pointers. */
 typedef struct gpu_tool {
     int32_t active, spring, count;
     const int32_t *d_unknown;  /* (count) */
@@ -24,57 +24,59 @@ typedef struct gpu_tool {
     double compliance, target[3], origin[3], force[3];
 } gpu_tool;
 
-/* What the host says at the beginning of a step. */
+/* Inputs of a step, written by the host. */
 typedef struct gpu_step {
     gpu_tool tools[GPU_TOOLS];
     int32_t touches;           /* there are contacts (touch.h) */
-    int32_t restart, forget;   /* nothing is known of the state; the secants no longer hold */
-    int32_t known, seen;       /* pliant_known of its first state, and whether the preconditioner is as it was there */
+    int32_t restart, forget;   /* restart: no quantity of the state is known; forget: the secants are invalid */
+    int32_t known, seen; /* pliant_known of the first state; the preconditioner is unchanged since its evaluation */
     int32_t is_cycle;          /* the preconditioner is a V-cycle */
     int32_t most_evaluations, depth, room;
-    pliant_even_limit limit;   /* one more where the first costs nothing */
+    pliant_even_limit limit;   /* one more evaluation if the first one needs no work */
     double tolerance, smallest_displacement, smallest_scale;
-    int32_t opened;            /* the state is where the step after a cut has led to (open.cu), and the other buffer has the one before it */
-    double sound_merit, previous_force[GPU_ROWS]; /* of that one */
+    /* The state is the end of the Newton step after a cut (open.cu). The other buffer holds the state before it. */
+    int32_t opened;
+    double sound_merit, previous_force[GPU_ROWS]; /* of the state before the Newton step */
 } gpu_step;
 
 typedef struct gpu_state {
     gpu_step step;
-    /* what the host reads */
-    int32_t now;               /* buffer of the present iterate; after a blind step the other one has the state before it */
+    /* Read by the host. */
+    int32_t now; /* buffer of the present iterate; after a blind step the other buffer holds the state before it */
     int32_t done, iterations;
-    int32_t ending;            /* a blind step was made: its end is evaluated */
-    int32_t evaluated;         /* d_element_force and d_left are of the state that the step ended with */
-    int32_t went_back;         /* to the state before the one that the step began with */
-    int32_t took;              /* what was evaluated last became the present state */
+    int32_t ending;            /* after a blind step: its end is being evaluated */
+    int32_t evaluated;         /* d_element_force and d_left belong to the final state of the step */
+    int32_t went_back;         /* the state from before the previous blind step was restored */
+    int32_t took;              /* the last evaluated state became the present state */
     pliant_anderson rules;     /* as on the CPU */
     double scale[2], residual_force[2], force[2][GPU_ROWS], step_force[2][GPU_ROWS];
-    double told_scale, told_residual_force; /* of the last state that was evaluated and kept */
-    /* springs: rows of S = c I + W Z, only those of tools with springs */
+    double told_scale, told_residual_force; /* of the last accepted evaluation */
+    /* Springs: rows of S = c I + W Z, only for tools with springs. */
     int32_t rows, row_of[GPU_ROWS]; /* 3 tool + axis */
     int32_t singular;
     /* Anderson */
     double energy;             /* step . residual of the present iterate, without springs */
-    double along[GPU_HISTORY]; /* secants' step . residual of the present iterate */
-    double weights[3][GPU_HISTORY]; /* of the next proposal, of the estimate of what is left, and of that of the state before */
-    int32_t mixed;             /* there are some of the first kind */
-    int32_t old_now;           /* buffer that was present when what was evaluated last was proposed */
-    /* largest squares over the nodes, as bits: what is left, what the proposal moves, displacement, what was left at
-     * the state before */
+    double along[GPU_HISTORY]; /* products of the secants' steps with the residual of the present iterate */
+    double weights[3][GPU_HISTORY]; /* weights of the next proposal, of the error estimate, and of the previous step's
+                                     * error estimate */
+    int32_t mixed;             /* the proposal has nonzero weights */
+    int32_t old_now;           /* present buffer at the time when the last evaluated state was proposed */
+    /* Squared maxima over the nodes, as bits: remaining motion, proposed motion, displacement, remaining motion of the
+     * previous step. */
     unsigned long long largest[4];
-    unsigned long long blocks; /* that have found theirs */
+    unsigned long long blocks; /* number of blocks that have added their maxima */
     /* pliant_posterior */
     int32_t last_target;       /* buffer that was evaluated last */
-    int32_t seen;              /* by this step's beginning: what its first state lacked for the loads of then */
-    int32_t skips;             /* the preconditioner has nothing to do */
+    int32_t seen;              /* the first state of this step was evaluated by the previous step, for its loads */
+    int32_t skips;             /* the preconditioner has no work */
     double past_step_force[GPU_ROWS];
-    double past_of_now;        /* step of the present iterate . residual of then */
-    double past_along[GPU_HISTORY]; /* secants' step . residual of then */
+    double past_of_now;        /* step of the present iterate . residual of the previous step's end */
+    double past_along[GPU_HISTORY]; /* products of the secants' steps with the residual of the previous step's end */
 } gpu_state;
 
 typedef struct gpu_secants {
-    double gram[GPU_HISTORY * GPU_HISTORY]; /* secants' step . secants' residual, and of springs */
-    double force[GPU_HISTORY][GPU_ROWS], step_force[GPU_HISTORY][GPU_ROWS]; /* secants' of the tools */
+    double gram[GPU_HISTORY * GPU_HISTORY]; /* secants' step . secants' residual, including springs */
+    double force[GPU_HISTORY][GPU_ROWS], step_force[GPU_HISTORY][GPU_ROWS]; /* secants of the tools' forces */
 } gpu_secants;
 
 typedef struct gpu_history {
@@ -82,7 +84,7 @@ typedef struct gpu_history {
     gpu_secants secants;
 } gpu_history;
 
-/* Arrays of the iteration. Pointers are of the device; n = 3 num_free. */
+/* Arrays of the iteration. Pointers are device pointers; n = 3 num_free. */
 typedef struct gpu_iteration {
     int32_t num_free, num_nodes, room;
     const int32_t *d_node_of_free; /* (num_free) */
@@ -90,23 +92,24 @@ typedef struct gpu_iteration {
     gpu_state *d_state;
     gpu_history *d_history;
     double *d_x[2];            /* (3 num_nodes) */
-    double *d_step[2], *d_residual[2]; /* (n) in the nodes' own axes, as the secants */
-    double *d_free_residual;   /* (n) that of the last evaluation, but for what springs were to change in it */
-    double *d_past_step, *d_past_residual; /* (n) that the step before ended with */
+    double *d_step[2], *d_residual[2]; /* (n) in the nodes' axes, like the secants */
+    double *d_free_residual;   /* (n) residual of the last evaluation, without the change of spring forces */
+    double *d_past_step, *d_past_residual; /* (n) final step and residual of the previous step */
     double *d_load, *d_extra;  /* (n) gravity; the tools' forces */
-    double *d_touch;           /* (n) those of contacts */
-    double *d_secant_x, *d_secant_step, *d_secant_residual; /* (room x n) */
-    double *d_element_force;   /* (num_tets x 4 x 4), three numbers and a gap; or (corners of macro-elements x 4) */
-    double *d_rotations;       /* (num_tets or macro-elements x 16) what elements say of the axes, nine numbers and a gap */
-    double *d_axes;            /* (num_free x 9) the nodes' own axes */
-    float *d_right, *d_left;   /* (n, padded) what the preconditioner takes and gives */
+    double *d_touch;           /* (n) contact forces */
+    double *d_secant_x, *d_secant_step, *d_secant_residual; /* (`room` x n) */
+    double *d_element_force;   /* (num_tets x 4 x 4), three numbers and padding; or (corners of macro-elements x 4) */
+    double *d_rotations;       /* (num_tets or macro-elements x 16) contributions to the nodes' axes, nine numbers and
+                                * padding */
+    double *d_axes;            /* (num_free x 9) axes of the nodes */
+    float *d_right, *d_left;   /* (n, padded) input and output of the preconditioner */
     double *d_sums;            /* (GATHER_SUMS x blocks of the gather), then (DOT_SUMS x blocks of the dot products) */
 } gpu_iteration;
 
 #ifdef __CUDACC__
-/* the iterate that an evaluation is about */
+/* Return the buffer that is being evaluated. */
 static __device__ __forceinline__ int gpu_target(const gpu_state *state) { return state->iterations == 0 ? state->now : 1 - state->now; }
-/* whose elastic forces are those of the end of the last step */
+/* Return whether the elastic forces of the evaluated state are known from the end of the last step. */
 static __device__ __forceinline__ bool gpu_knows_forces(const gpu_state *state) { return state->iterations == 0 && state->step.known != PLIANT_KNOWN_NOTHING; }
 #endif
 

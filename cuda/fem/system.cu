@@ -9,27 +9,28 @@
 
 enum { THREADS = 128, PASSAGE = 4 << 20 }; /* bytes */
 
-/* a system on its way to the GPU; before: NULL: there is nothing yet */
+/* Transfer of a system to the GPU. before: NULL: the GPU has no system yet. */
 struct passage {
     const pliant_system *now, *before;
     cudaStream_t stream;
     gpu_system *gpu;
     gpu_system_room *room;
-    const pliant_body_changes *changes; /* Nullable: what it lists of the fine tetrahedra, which are solved, is all that differs */
+    const pliant_body_changes *changes; /* Nullable: if the fine mesh is solved, all changed tetrahedra are in this
+                                         * list */
 };
 
-/* of a body that comes next */
+/* Return the body's changes, if the system follows directly after `before`. */
 static const pliant_body_changes *changes_of(const pliant_system *now, const pliant_system *before)
 {
     const bool next = now->of && before->of && now->mesh == now->fine && before->mesh == before->fine && now->of->body->changes.since == before->of->body->revision;
     return next ? &now->of->body->changes : nullptr;
 }
 
-/* An array; where it is there already, what differs. */
+/* Send an array; if it exists already, send only the differences. */
 template <class T>
 static pliant_status send(const passage &work, int array, const T *h_now, size_t count, const T *h_before, size_t count_before, const char *what, T **d_out)
 {
-    if (!h_now) { /* whether there is an array may tell something */
+    if (!h_now) { /* the presence of an array has a meaning */
         pliant_cuda_release(*d_out);
         *d_out = nullptr;
         return PLIANT_OK;
@@ -42,7 +43,7 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
     return CUDA_CALL(cudaMemcpyAsync(*d_out, h_now, count * sizeof(T), cudaMemcpyHostToDevice, work.stream));
 }
 
-/* ---- elements: lanes of 8 on the CPU; one number after the other over all elements on the GPU */
+/* ---- Elements: in lanes of 8 on the CPU; one number of all elements after the other on the GPU. */
 
 struct packet { int32_t count, rows, lanes, stride; const int32_t *d_which; const double *d_numbers; }; /* (count x rows x lanes) */
 
@@ -55,7 +56,8 @@ static __global__ void __launch_bounds__(THREADS) unpack_kernel(packet from, int
     if (element < last) d_out[(size_t)row * from.stride + element] = from.d_numbers[n];
 }
 
-/* Numbers of those of a list, a passage full after the other. from: of all, each (rows x lanes) */
+/* Send the numbers of listed elements, in transfers of limited size. from: numbers of all elements, each (rows x
+ * lanes). */
 static pliant_status send_numbers(const passage &work, const int32_t *which, int32_t count, int rows, int lanes, const double *from, int last, double *d_out)
 {
     if (count == 0) return PLIANT_OK;
@@ -79,7 +81,7 @@ static pliant_status send_numbers(const passage &work, const int32_t *which, int
     return status;
 }
 
-/* Those whose numbers are not those of before: (of) each `bytes` long. */
+/* List the entries that differ from the earlier ones. Each entry has `bytes` bytes. */
 static int32_t find_changed(const void *now, const void *before, size_t bytes, int32_t count, int32_t count_before, int32_t *which)
 {
     int32_t found = 0;
@@ -90,7 +92,7 @@ static int32_t find_changed(const void *now, const void *before, size_t bytes, i
     return found;
 }
 
-/* The blocks of those that are listed, and of those that there were not before: ascending. */
+/* List the blocks with changed elements and the new blocks, in ascending order. */
 static int32_t list_changed(const passage &work, int lanes, int32_t count, int32_t count_before, int32_t *which)
 {
     int32_t found = 0;
@@ -110,7 +112,8 @@ static pliant_status send_elements(const passage &work, int array, const void *n
     const size_t bytes = (size_t)rows * (size_t)work.gpu->tet_stride * sizeof(double);
     void *d_block = *d_out;
     const bool held = *d_out && work.room->bytes[array] >= bytes;
-    CUDA_TRY(pliant_cuda_ensure(bytes, false, "the elements", &d_block, work.room->bytes + array)); /* the stride has room */
+    /* The stride includes reserved capacity. */
+    CUDA_TRY(pliant_cuda_ensure(bytes, false, "the elements", &d_block, work.room->bytes + array));
     *d_out = static_cast<double *>(d_block);
     int32_t *which = static_cast<int32_t *>(pliant_calloc((size_t)count, sizeof *which));
     if (!which) return pliant_fail_memory("the elements");
@@ -122,7 +125,7 @@ static pliant_status send_elements(const passage &work, int array, const void *n
     return status;
 }
 
-/* ---- all of it */
+/* ---- The complete system. */
 
 enum { TETS, REST, GRADIENTS, LAME, STIFFNESS, GROUNDED, NODE_OF_FREE, CORNER_START, CORNER_END, CORNER, FINE_REST, UPSAMPLE_NODE, WEIGHTS, ENTRY_START, ENTRY_ELEMENT, ENTRY_SHARE, ENTRY_SHAPE, STILL };
 
@@ -147,7 +150,7 @@ static pliant_status send_upsampling(const passage &work)
     return send(work, ENTRY_SHAPE, up->entry_shape, 9 * corners * entries, was->entry_shape, 9 * corners_was * entries_was, what, &gpu->d_entry_shape);
 }
 
-/* of a coarse model that a cut refines: its elements are macro-elements from then on */
+/* Free the tetrahedra of a coarse model that a cut refines. All its elements are macro-elements from then on. */
 static void release_tets(gpu_system *gpu)
 {
     void *blocks[] = {gpu->d_tets, gpu->d_gradients, gpu->d_lame, gpu->d_stiffness, gpu->d_grounded};

@@ -10,15 +10,14 @@
 #include <climits>
 #include <cstring>
 
-/* sub-steps of a graph: the longer, the longer it takes to be made; dynamic relaxation is looked at so often; parts of
- * a frame, of any length, are of these */
+/* Sub-steps per graph: maximum (recording time grows with the length); interval of convergence tests in dynamic
+ * relaxation; and for parts of a frame, which have any length. */
 static const int32_t longest_graph = 256, relaxation_graph = 32, part_graph = 8;
 
-/* nodes that any tool holds or a contact has, ascending; each tool's; those of contacts; room for so many here and on
- * the GPU */
+/* Nodes of any tool or contact, ascending; nodes of each tool; nodes of contacts; and the capacity on host and GPU. */
 struct held_nodes { int32_t *held, *node, *near; double *weight; int32_t capacity; };
 
-/* what goes up at the beginning of a frame; the outcome comes down at its end */
+/* Data sent at the start of a frame; the outcome is copied back at its end. */
 struct exchange { gpu_frame frame; gpu_outcome outcome; };
 
 struct pliant_cuda_tled {
@@ -27,17 +26,17 @@ struct pliant_cuda_tled {
     cudaStream_t stream;
     gpu_tled gpu;
     exchange *h_exchange, *d_exchange; /* page-locked */
-    held_nodes h_held;                 /* page-locked; what was sent last */
+    held_nodes h_held;                 /* page-locked; the last sent data */
     int32_t sent_held, sent_total, sent_near; /* of h_held */
     gpu_touching touching;
     cudaGraphExec_t graph;
-    int32_t graph_steps;               /* 0: there is none */
-    bool repeated, pulled;             /* it counts what it did; it has kernels for tools */
-    bool stale;                        /* the host's state is to be sent */
-    void *locked[6];                   /* blocks of the host that are page-locked by this */
+    int32_t graph_steps;               /* sub-steps in the graph; 0: no graph */
+    bool repeated, pulled;             /* repeated: it counts its sub-steps; pulled: it has kernels for tools */
+    bool stale;                        /* the host's state must be sent */
+    void *locked[6];                   /* page-locked host blocks */
 };
 
-/* ---- create */
+/* ---- Creation. */
 
 static pliant_status allocate(size_t bytes, void **d_out) { return pliant_cuda_allocate(bytes, "the dynamics", d_out); }
 
@@ -59,7 +58,7 @@ static pliant_status upload_elements(pliant_cuda_tled *gpu, const pliant_tled *t
 {
     const pliant_tled_system *system = gpu->system;
     const size_t nodes = (size_t)system->mesh->num_nodes, count = (size_t)gpu->gpu.num_tets;
-    gpu_tet *tets = static_cast<gpu_tet *>(pliant_calloc(count + 1, sizeof *tets)); /* all may be hexahedra */
+    gpu_tet *tets = static_cast<gpu_tet *>(pliant_calloc(count + 1, sizeof *tets)); /* all elements may be hexahedra */
     gpu_node *records = static_cast<gpu_node *>(pliant_calloc(nodes, sizeof *records));
     for (size_t t = 0; tets && t < count; t++) {
         const size_t block = t / LANES, lane = t % LANES;
@@ -238,7 +237,7 @@ extern "C" pliant_status pliant_cuda_tled_set_positions(pliant_cuda_tled *gpu, c
 extern "C" const double *pliant_cuda_tled_positions(const pliant_cuda_tled *gpu) { return gpu->gpu.d_positions; }
 extern "C" cudaStream_t pliant_cuda_tled_stream(const pliant_cuda_tled *gpu) { return gpu->stream; }
 
-/* ---- a frame */
+/* ---- A frame. */
 
 static pliant_status send_state(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
@@ -266,7 +265,7 @@ static pliant_status make_room(pliant_cuda_tled *gpu, int32_t count)
     free_held(held);
     release_held(it);
     gpu->sent_total = gpu->sent_held = -1;
-    gpu->graph_steps = 0; /* it has the old places */
+    gpu->graph_steps = 0; /* it refers to the old buffers */
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->held)));
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->node)));
     CUDA_TRY(pliant_cuda_allocate_host(indices, "the held nodes", reinterpret_cast<void **>(&held->near)));
@@ -290,8 +289,8 @@ static pliant_status upload_held(pliant_cuda_tled *gpu, int32_t total, int32_t n
     return CUDA_CALL(cudaMemcpyAsync(gpu->gpu.d_tool_weight, held->weight, weights, cudaMemcpyHostToDevice, gpu->stream));
 }
 
-/* The nodes that tools hold and those that contacts have, where they are others than in the last frame; each tool's
- * place among them to the frame. */
+/* Send the nodes of tools and contacts if they have changed since the last frame, and set each tool's range in the
+ * frame. */
 static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools, int num_tools, gpu_frame *frame)
 {
     int32_t total = 0;
@@ -319,7 +318,7 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
         std::copy(gpu->touching.near, gpu->touching.near + num_near, held->near);
         std::sort(held->held, held->held + total + num_near);
         gpu->sent_held = (int32_t)(std::unique(held->held, held->held + total + num_near) - held->held);
-        gpu->sent_total = -1; /* until it is there */
+        gpu->sent_total = -1; /* invalid until the upload has succeeded */
         CUDA_TRY(upload_held(gpu, total, num_near));
         CUDA_TRY(pliant_cuda_tled_hold(&gpu->gpu, gpu->sent_held, gpu->stream));
         gpu->sent_total = total;
@@ -329,13 +328,13 @@ static pliant_status send_holds(pliant_cuda_tled *gpu, const pliant_tool *tools,
     return PLIANT_OK;
 }
 
-/* What touches in this frame. */
+/* Send the contacts of this frame. */
 static pliant_status send_touching(pliant_cuda_tled *gpu, pliant_tled *tled, gpu_frame *frame)
 {
     bool moved = false;
     CUDA_TRY(pliant_tled_touch_begin(tled));
     const pliant_status status = pliant_cuda_touching_sort(tled, &gpu->touching, &gpu->gpu, &moved);
-    if (moved || status != PLIANT_OK) gpu->graph_steps = 0; /* it has the old places */
+    if (moved || status != PLIANT_OK) gpu->graph_steps = 0; /* it refers to the old buffers */
     CUDA_TRY(status);
     frame->num_points = gpu->touching.num_points;
     frame->num_levels = gpu->touching.num_levels;
@@ -391,7 +390,7 @@ static pliant_status enqueue_substeps(const pliant_cuda_tled *gpu, int32_t count
     return repeated ? pliant_cuda_tled_bump(&gpu->gpu, count, gpu->stream) : PLIANT_OK;
 }
 
-/* so many sub-steps as a graph: all their kernels for the price of one launch */
+/* Record `count` sub-steps as a graph, which needs only one launch. */
 static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
 {
     const bool pulled = gpu->sent_held > 0;
@@ -402,7 +401,8 @@ static pliant_status record(pliant_cuda_tled *gpu, int32_t count, bool repeated)
     gpu->graph_steps = 0;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
     pliant_status status = enqueue_substeps(gpu, count, repeated, pulled);
-    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */
+    /* Also after a failure: memory cannot be freed while a stream records. */
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph);
     if (status == PLIANT_OK) status = CUDA_CALL(ended);
     if (status == PLIANT_OK) status = CUDA_CALL(cudaGraphInstantiateWithFlags(&gpu->graph, graph, 0));
     if (graph) cudaGraphDestroy(graph);
@@ -418,7 +418,8 @@ static pliant_status download_outcome(pliant_cuda_tled *gpu)
     return CUDA_CALL(cudaMemcpyAsync(&gpu->h_exchange->outcome, gpu->gpu.d_outcome, sizeof gpu->h_exchange->outcome, cudaMemcpyDeviceToHost, gpu->stream));
 }
 
-/* Displacements change places in every sub-step, so graphs that follow each other have an even number of them. */
+/* Enqueue the frame's graphs. The displacement arrays are exchanged in every sub-step, so repeated graphs have an even
+ * number of sub-steps. */
 static pliant_status enqueue_frame(pliant_cuda_tled *gpu, const pliant_tled *tled)
 {
     const int32_t steps = pliant_tled_part_steps(tled), most = steps < tled->substeps ? part_graph : longest_graph;
@@ -442,8 +443,7 @@ static pliant_status relax(pliant_cuda_tled *gpu, const pliant_tled *tled)
     return PLIANT_OK;
 }
 
-/* The end of a frame: what the host keeps arrives beside the old state, which it takes the place of only when it is
- * whole and sound. */
+/* Copy the results to the host. They replace the old state only if they are complete and valid. */
 static pliant_status download(pliant_cuda_tled *gpu, pliant_tled *tled)
 {
     const gpu_tled *it = &gpu->gpu;
@@ -484,7 +484,7 @@ extern "C" pliant_status pliant_cuda_tled_run(void *with, pliant_tled *tled, pli
         return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "what overlaps in every sub-step (contact/delay false) is looked for by the CPU alone");
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
     if (gpu->stale) CUDA_TRY(send_state(gpu, tled));
-    gpu->stale = true; /* until this frame is whole and sound */
+    gpu->stale = true; /* until this frame is complete and valid */
     memset(gpu->h_exchange, 0, sizeof *gpu->h_exchange);
     memcpy(outcome->target, tled->target, sizeof outcome->target);
     memcpy(outcome->passed, tled->passed, sizeof outcome->passed);

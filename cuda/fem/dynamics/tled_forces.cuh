@@ -1,5 +1,5 @@
-/* One element's forces on its corners: the lines of src/fem/element/stress.h around those of
- * src/fem/dynamics/tled_elements.c. */
+/* Corner forces of one element. The code corresponds to src/fem/dynamics/tled_elements.c, and both use
+ * src/fem/element/stress.h. */
 #ifndef PLIANT_CUDA_TLED_FORCES_CUH
 #define PLIANT_CUDA_TLED_FORCES_CUH
 
@@ -22,7 +22,7 @@ static __device__ __forceinline__ gpu_cube load_cube(const gpu_cube *d_cubes, in
     return out.cube;
 }
 
-/* The change of H in the last sub-step. */
+/* Load the change of H in the last sub-step. */
 static __device__ __forceinline__ void load_change(const double *d_d, const gpu_tet &tet, float change[9])
 {
     float apart[9];
@@ -34,7 +34,7 @@ static __device__ __forceinline__ void load_change(const double *d_d, const gpu_
             change[3 * r + c] = apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
 }
 
-/* Corners to modes and back, as in tled_elements.c. */
+/* Transform corner values to modes and back, as in tled_elements.c. */
 static __device__ __forceinline__ void transform(float w[8], bool back)
 {
     for (int bit = 1; bit < 8; bit *= 2)
@@ -46,8 +46,8 @@ static __device__ __forceinline__ void transform(float w[8], bool back)
         }
 }
 
-/* Modes of a hexahedron, differences in double, and the mean gradient; returns the change of volume that it makes.
- * stride: of a node's numbers. */
+/* Load the modes of a hexahedron and its mean gradient, from differences in double precision. Return the mean
+ * gradient's change of volume. stride: numbers per node. */
 static __device__ __forceinline__ float load_modes(const gpu_tled &tled, const double *d_from, size_t stride, const gpu_cube &cube, float w[3][8], float h[9])
 {
     double exact[9];
@@ -74,7 +74,8 @@ static __device__ __forceinline__ void modes_of(const float w[3][8], pliant_cube
     }
 }
 
-/* H = sum over corners 1 to 3 of (u_v - u_0) g_v', differences in double. Nothing writes to d_u while this runs. */
+/* Compute H = sum over corners 1 to 3 of (u_v - u_0) g_v', with differences in double precision. d_u is constant while
+ * this runs. */
 static __device__ __forceinline__ void load_gradient(const double *d_u, const gpu_tet &tet, float h[9])
 {
     const double2 *first = reinterpret_cast<const double2 *>(d_u + 4 * (size_t)tet.node[0]);
@@ -93,7 +94,8 @@ static __device__ __forceinline__ void load_gradient(const double *d_u, const gp
             h[3 * r + c] = apart[r] * tet.gradient[c] + apart[3 + r] * tet.gradient[3 + c] + apart[6 + r] * tet.gradient[6 + c];
 }
 
-/* What has relaxed after this sub-step; one of the element's groups keeps it, the others only work it out. */
+/* Update the relaxed stress after this sub-step. One of the element's groups stores it; the other groups only compute
+ * it. */
 static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int32_t tet, bool keeps, const float h[9], const float cofactor[9], float p[9])
 {
     float s[6], relaxed[6] = {0, 0, 0, 0, 0, 0};
@@ -113,8 +115,8 @@ static __device__ __forceinline__ void relax(const gpu_tled &tled, int from, int
     pliant_subtract_relaxed(h, relaxed, p);
 }
 
-/* rest volume times first Piola-Kirchhoff stress; change: NULL without damping in proportion to stiffness, pressure:
- * NULL where it follows from H */
+/* Compute rest volume times first Piola-Kirchhoff stress. change: NULL without stiffness-proportional damping;
+ * pressure: NULL if it follows from H. */
 template <int LAW, bool VISCOUS>
 static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int from_memory, int32_t element, const float h[9], const float *change, float shear,
                                                       float bulk, const float *pressure, float p[9])
@@ -138,7 +140,7 @@ static __device__ __forceinline__ void element_stress(const gpu_tled &tled, int 
     for (int m = 0; m < 9; m++) p[m] += volume[m];
 }
 
-/* of a tetrahedron; DAMPED: maybe, in proportion to stiffness */
+/* Compute the forces of a tetrahedron. DAMPED: stiffness-proportional damping is possible. */
 template <int LAW, bool VISCOUS, bool NODAL, bool DAMPED>
 static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int from, int from_memory, int32_t element, const gpu_tet &tet,
                                                       float (*out)[GPU_THREADS])
@@ -163,7 +165,7 @@ static __device__ __forceinline__ void element_forces(const gpu_tled &tled, int 
     }
 }
 
-/* of a hexahedron */
+/* Compute the forces of a hexahedron. */
 template <int LAW, bool VISCOUS>
 static __device__ __forceinline__ void cube_forces(const gpu_tled &tled, int from, int from_memory, int32_t element, float (*out)[GPU_THREADS])
 {

@@ -1,4 +1,4 @@
-/* Groups of nodes that lie together, and the elements that touch them. */
+/* Groups of adjacent nodes, and the elements of each group. */
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "pliant/memory.h"
@@ -10,14 +10,15 @@ struct place { uint64_t key; int32_t node; };
 
 struct grouping {
     place *places;             /* (num_nodes) */
-    int32_t *group, *order, *element, *corner_start; /* as in gpu_tled; group and element have room for a group a node */
+    /* As in gpu_tled; group and element have capacity for one group per node. */
+    int32_t *group, *order, *element, *corner_start;
     uint16_t *corner;
-    int32_t *seen;             /* (elements) 1 + last group that has it */
-    int32_t *slot;             /* (elements) and where */
-    int32_t count, capacity;   /* groups; those that element has room for */
+    int32_t *seen;             /* (elements) 1 + last group that contains it */
+    int32_t *slot;             /* (elements) its index in that group */
+    int32_t count, capacity;   /* number of groups; capacity of element in groups */
 };
 
-static uint64_t spread(uint64_t x) /* the lowest 21 bits, two apart */
+static uint64_t spread(uint64_t x) /* separates the lowest 21 bits by two zero bits each */
 {
     x &= 0x1fffff;
     x = (x | x << 32) & 0x1f00000000ffffull;
@@ -27,7 +28,7 @@ static uint64_t spread(uint64_t x) /* the lowest 21 bits, two apart */
     return (x | x << 2) & 0x1249249249249249ull;
 }
 
-/* along a curve of Morton's through the lattice: what is near on it is near in space */
+/* Sort the nodes along a Morton curve through the lattice. Nodes that are close on the curve are close in space. */
 static void sort_nodes(const pliant_mesh *mesh, place *places)
 {
     const int32_t across = mesh->cells[0] + 1, down = mesh->cells[1] + 1;
@@ -39,7 +40,7 @@ static void sort_nodes(const pliant_mesh *mesh, place *places)
     std::sort(places, places + mesh->num_nodes, [](const place &a, const place &b) { return a.key != b.key ? a.key < b.key : a.node < b.node; });
 }
 
-/* The element of a corner, by its lane: tetrahedra, then hexahedra; which of its corners. */
+/* Return the element of a corner, by its lane (tetrahedra, then hexahedra), and the corner's number v. */
 static int32_t element_of(const pliant_tled_system *system, int32_t corner, int32_t *v)
 {
     const int32_t tets = 12 * LANES * system->num_blocks, numbers = corner < tets ? 12 : 24, place = corner < tets ? corner : corner - tets;
@@ -60,7 +61,7 @@ static bool make_room(grouping *made)
     return true;
 }
 
-/* a node's elements that the present group does not have */
+/* Count the elements of a node that the present group does not contain. */
 static int32_t new_elements(const pliant_tled_system *system, const grouping *made, int32_t node)
 {
     int32_t count = 0, v;

@@ -5,21 +5,21 @@
 
 #include <climits>
 
-/* Whether there is nothing to do: the frame has no such sub-step, or dynamic relaxation has come to its end. What this
- * sub-step itself finds is not seen, so that all blocks say the same. */
+/* Return whether there is no work: the frame has no such sub-step, or dynamic relaxation has finished. Results of this
+ * sub-step do not count, so that all blocks decide equally. */
 static __device__ __forceinline__ bool is_idle(const gpu_tled &tled, int32_t step)
 {
     const gpu_outcome *outcome = tled.d_outcome;
     return step >= tled.d_frame->substeps || (tled.still && (outcome->settled || outcome->unsound < step));
 }
 
-/* of errors the largest, of others the sum */
+/* Combine two values: maximum for errors, sum for others. */
 static __device__ __forceinline__ double combine(int slot, double a, double b)
 {
     return slot == PLIANT_SUM_ERROR_BEFORE || slot == PLIANT_SUM_ERROR ? fmax(a, b) : a + b;
 }
 
-/* Three numbers of all threads together, in a tree; to d_sums. scratch: (3 x warps). */
+/* Reduce three numbers over all threads in a tree, and store them in d_sums. scratch: (3 x warps). */
 static __device__ void add_up(double *d_sums, const int slot[3], const double numbers[3], double (*scratch)[GPU_THREADS / 32])
 {
     const int lane = (int)threadIdx.x % 32, warp = (int)threadIdx.x / 32;
@@ -35,7 +35,7 @@ static __device__ void add_up(double *d_sums, const int slot[3], const double nu
     d_sums[(size_t)blockIdx.x * PLIANT_NUM_SUMS + slot[threadIdx.x]] = sum;
 }
 
-/* of one number of all blocks, by all threads of one */
+/* Sum one number over all blocks, with all threads of one block. */
 static __device__ double total_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
 {
     double sum = 0;
@@ -43,7 +43,7 @@ static __device__ double total_of(const double *d_sums, int32_t blocks, int slot
     return block_sum(sum, scratch);
 }
 
-/* the largest of one number of all blocks, likewise */
+/* Return the maximum of one number over all blocks, likewise. */
 static __device__ double largest_of(const double *d_sums, int32_t blocks, int slot, double *scratch)
 {
     double most = 0;
@@ -56,7 +56,7 @@ static __device__ double largest_of(const double *d_sums, int32_t blocks, int sl
     return most;
 }
 
-/* Dynamic relaxation: how much to damp. */
+/* Dynamic relaxation: compute the damping. */
 static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
 {
     gpu_outcome *outcome = tled.d_outcome;
@@ -70,9 +70,9 @@ static __device__ void choose_damping(const gpu_tled &tled, double *scratch)
     outcome->kept = (1 - frequency) / (1 + frequency);
 }
 
-/* Three threads move a node, one for each component; ten nodes a warp. */
+/* One component of a node. Three threads move a node; a warp handles ten nodes. */
 struct component {
-    bool moves;                /* it is there, and not fixed */
+    bool moves;                /* the node exists and is not fixed */
     int32_t n, begin, end;     /* node; its corners in d_corner */
     int k;
     gpu_node node;
@@ -109,7 +109,7 @@ static __device__ __forceinline__ void load_component(const gpu_tled &tled, int 
     out->d = tled.d_d[present][3 * n + out->k];
 }
 
-/* A fixed node stays where it is. */
+/* Keep the position of a fixed node. */
 static __device__ __forceinline__ void keep_fixed(const gpu_tled &tled, const component &at, double *d_next, double *d_d)
 {
     if (at.n < 0 || at.moves) return;
@@ -117,20 +117,20 @@ static __device__ __forceinline__ void keep_fixed(const gpu_tled &tled, const co
     if (tled.damped) d_d[3 * (size_t)at.n + at.k] = at.d;
 }
 
-/* a component's fellow components, from the threads beside it: by all threads of a warp */
+/* Exchange the three components of a node between neighbouring threads. Call it from all threads of a warp. */
 static __device__ __forceinline__ void share(double mine, int k, double all[3])
 {
     const int base = (int)threadIdx.x % 32 - k;
     for (int m = 0; m < 3; m++) all[m] = __shfl_sync(0xffffffffu, mine, base + m);
 }
 
-/* an index that is known only while running would put the array into slow memory */
+/* Select a component. A runtime index would move the array to slow local memory. */
 static __device__ __forceinline__ double pick(const double all[3], int k) { return k == 0 ? all[0] : k == 1 ? all[1] : all[2]; }
 
 /* Cases of the sub-step kernel. A simpler case needs fewer registers, so that a multiprocessor holds more blocks of 256
  * threads: 4 blocks up to 64 registers, 3 up to 80, 2 up to 128. */
 enum kernel_kind {
-    FREE_TETS,                 /* tetrahedra that meet no wall */
+    FREE_TETS,                 /* tetrahedra without contact to a wall */
     TETS,
     ANY_ELEMENTS               /* hexahedra too, or damping in proportion to stiffness */
 };

@@ -1,5 +1,6 @@
-/* Contacts of explicit dynamics on the GPU: points are found by the host as a frame begins (src/sim/step/contact.c),
- * put right in every sub-step by one block (tled_touch.cuh), and their forces come back as it ends. */
+/* Contacts of explicit dynamics on the GPU. The host detects the points at the start of a frame
+ * (src/sim/step/contact.c). One block corrects them in every sub-step (tled_touch.cuh). Their forces are copied back at
+ * the end of the frame. */
 #ifndef PLIANT_CUDA_TLED_TOUCH_H
 #define PLIANT_CUDA_TLED_TOUCH_H
 
@@ -9,26 +10,26 @@
 extern "C" {
 #endif
 
-/* The points of a frame by levels: each comes after those before it that it has a node in common with, so that points
- * of one level can be put right at once, and the outcome is that of one after the other. */
+/* The points of a frame, sorted by levels. A point is on a later level than all earlier points with a common node.
+ * Points of one level can be corrected at the same time, with the same result as one after the other. */
 typedef struct gpu_touching {
     int32_t num_points, num_levels, num_near;
     int32_t room_points, room_near;
-    pliant_contact_point *h_point; /* (num_points) page-locked, as the next ones; their nodes are places in near */
+    pliant_contact_point *h_point; /* (num_points) page-locked, as the next ones; their nodes are indices in `near` */
     pliant_tled_touch *h_touch;
-    int32_t *h_level;          /* (num_levels + 1) the first of each */
-    int32_t *order;            /* (num_points) which of the host's points */
-    int32_t *level_of;         /* (num_points) of the host's */
-    int32_t *near;             /* (num_near) nodes that points have */
-    int32_t *place, *last;     /* (nodes) in near, or -1; the level of the last point that has it */
+    int32_t *h_level;          /* (num_levels + 1) first point of each level */
+    int32_t *order;            /* (num_points) index of the host's point */
+    int32_t *level_of;         /* (num_points) level of the host's point */
+    int32_t *near;             /* (num_near) nodes of points */
+    int32_t *place, *last;     /* (nodes) index in `near`, or -1; level of the last point with this node */
 } gpu_touching;
 
 void pliant_cuda_touching_free(gpu_touching *touching, gpu_tled *tled);
-/* The points of this frame, which has begun (pliant_tled_touch_begin), sorted. moved: out: rooms are elsewhere, for
- * what was recorded with them. Errors: MEMORY. */
+/* Sort the points of a frame after pliant_tled_touch_begin. moved: out: buffers were reallocated, so recorded graphs
+ * are invalid. Errors: MEMORY. */
 pliant_status pliant_cuda_touching_sort(const pliant_tled *tled, gpu_touching *touching, gpu_tled *gpu, bool *moved);
 pliant_status pliant_cuda_touching_send(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream);
-/* enqueue; then, when they have come, to the host's */
+/* Enqueue the download (download), and copy the results to the host's points after it (take). */
 pliant_status pliant_cuda_touching_download(const gpu_touching *touching, const gpu_tled *gpu, cudaStream_t stream);
 void pliant_cuda_touching_take(const gpu_touching *touching, pliant_tled *tled);
 

@@ -40,7 +40,7 @@ static __device__ __forceinline__ void element_rotation(const gpu_system &system
     }
 }
 
-/* the tools' forces on their nodes; tools after each other, since they may share nodes */
+/* Add the tools' forces on their nodes, one tool after the other, since they may share nodes. */
 static __device__ void spread_forces(const gpu_iteration &iteration, const gpu_state &state)
 {
     const double *force = state.force[gpu_target(&state)];
@@ -64,7 +64,7 @@ static __device__ void spread_forces(const gpu_iteration &iteration, const gpu_s
     }
 }
 
-/* beside macro-elements */
+/* Used with macro-elements. */
 static __global__ void __launch_bounds__(ELEMENT_THREADS) spread_kernel(gpu_iteration iteration)
 {
     const gpu_state &state = *iteration.d_state;
@@ -96,7 +96,7 @@ static __global__ void __launch_bounds__(ELEMENT_THREADS) force_kernel(gpu_syste
     }
 }
 
-/* four threads a node: three components, and one that rests */
+/* Sum forces with four threads per node: three components, and one idle thread. */
 static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_system system, gpu_iteration iteration)
 {
     __shared__ double sums[GATHER_SUMS][GATHER_THREADS];
@@ -115,14 +115,14 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
         elastic = u * sum;
         residual = load - sum;
     }
-    /* R' residual: component d needs the other two, which its neighbours have */
+    /* T' residual: component d needs the two others, from the neighbouring threads. */
     double turned = 0;
     for (int e = 0; e < 3; e++) {
         double other = __shfl_sync(0xffffffff, residual, (thread & 31 & ~3) + e);
         if (n < system.num_free && d < 3) turned += iteration.d_axes[9 * (size_t)n + 3 * e + d] * other;
     }
     if (n < system.num_free && d < 3) {
-        if (state.iterations == 0 && state.seen) { /* what the step before ended with, before it is overwritten */
+        if (state.iterations == 0 && state.seen) { /* save the final step and residual of the previous step */
             iteration.d_past_step[3 * (size_t)n + d] = iteration.d_step[target][3 * (size_t)n + d];
             iteration.d_past_residual[3 * (size_t)n + d] = iteration.d_residual[target][3 * (size_t)n + d];
         }
@@ -140,8 +140,8 @@ static __global__ void __launch_bounds__(GATHER_THREADS) gather_kernel(gpu_syste
     if (thread < GATHER_SUMS) iteration.d_sums[gridDim.x * (unsigned)thread + blockIdx.x] = sums[thread][0];
 }
 
-/* What an element says of the axes of its nodes (nodal_rotations.h): V mu F, at rest F0 = I; a homogenized one has a
- * rotation only. */
+/* Compute an element's contribution to the axes of its nodes (nodal_rotations.h): V mu F, with F0 = I at rest. A
+ * homogenized element contributes only a rotation. */
 static __global__ void __launch_bounds__(GATHER_THREADS) rotation_kernel(gpu_system system, gpu_iteration iteration)
 {
     int t = (int)(blockIdx.x * GATHER_THREADS + threadIdx.x);

@@ -9,16 +9,16 @@
 extern "C" {
 #endif
 
-/* Blocks of the gather, and numbers that each sums up: work of the load, work of the elastic forces. */
+/* Return the number of blocks of the gather. Each block has two sums: work of the load, and of the elastic forces. */
 int pliant_cuda_gather_blocks(const gpu_system *system);
 
-/* Of the iterate under evaluation: element forces; the tools' forces to d_extra. */
+/* Compute the element forces of the evaluated iterate, and the tools' forces in d_extra. */
 pliant_status pliant_cuda_forces(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream);
-/* d_residual = T' (load + extra - elastic), T = d_axes; d_right = the same; sums of work to d_sums. In a fixed
- * order. */
+/* Compute d_residual = T' (load + extra - elastic) with T = d_axes, d_right as its copy, and the sums of work in
+ * d_sums. The order is fixed. */
 pliant_status pliant_cuda_gather(const gpu_system *system, const gpu_iteration *iteration, cudaStream_t stream);
-/* d_axes: the rotation nearest to the mean of the elements' rotations around each node of the present iterate;
- * identity: none at all. */
+/* Compute d_axes: the rotation nearest to the mean of the rotations of adjacent elements in the present iterate.
+ * identity: set I instead. */
 pliant_status pliant_cuda_rotate(const gpu_system *system, const gpu_iteration *iteration, bool identity, cudaStream_t stream);
 
 #ifdef __cplusplus

@@ -12,7 +12,7 @@
 
 enum { THREADS = 256, WARP = 32, CUBES = THREADS / WARP, FRAMES = 64 };
 
-/* ---- what they are made of */
+/* ---- Creation. */
 
 enum { START, NODE, HELD, GROUNDED, OWN, GRADIENT, RANK, CUBE_OF_CORNER, FRAME, ROOT_START, ROOT, FINE_START, FINE, ENTRY_START, ENTRY_CORNER, ENTRY_SHAPE, SHEAR };
 
@@ -46,12 +46,12 @@ static pliant_status upload_roots(const pliant_macros *macros, const sending &to
     }
     CUDA_TRY(upload(to, ROOT_START, start.data(), start.size(), &out->d_root_start));
     CUDA_TRY(upload(to, ROOT, root.data(), root.size(), &out->d_root));
-    return CUDA_CALL(cudaStreamSynchronize(to.stream)); /* what was sent goes */
+    return CUDA_CALL(cudaStreamSynchronize(to.stream)); /* the host buffers are freed on return */
 }
 
 static pliant_status upload_followers(const pliant_macros *macros, const sending &to, gpu_macros *out)
 {
-    if (!macros->fine_start) return PLIANT_OK; /* they are of the fine mesh itself */
+    if (!macros->fine_start) return PLIANT_OK; /* the solved mesh is the fine mesh */
     std::vector<int32_t> start(1, 0);
     std::vector<uint16_t> corner;
     std::vector<float> shape;
@@ -76,7 +76,7 @@ static size_t shared_bytes(const gpu_macros *macros)
     return ((size_t)macros->most_unknowns + (size_t)macros->most_rank) * sizeof(double);
 }
 
-/* Cubes of a few corners: a warp each. */
+/* Return whether the cubes have few corners. One warp then handles a cube. */
 static bool is_small(const gpu_macros *macros) { return macros->most_unknowns <= WARP; }
 
 static __global__ void macro_force_kernel(gpu_system system, gpu_iteration iteration);
@@ -106,7 +106,8 @@ extern "C" pliant_status pliant_cuda_macros_set(const pliant_macros *macros, boo
     }
     cudaFuncAttributes kernel;
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, macro_force_kernel)));
-    if (shared_bytes(out) <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK; /* of the kernel: another model may need more */
+    /* A property of the kernel: another model may need more. */
+    if (shared_bytes(out) <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK;
     return CUDA_CALL(cudaFuncSetAttribute(macro_force_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)shared_bytes(out)));
 }
 
@@ -119,9 +120,9 @@ extern "C" void pliant_cuda_macros_free(gpu_macros *macros)
     memset(macros, 0, sizeof *macros);
 }
 
-/* ---- frames: a thread a cube */
+/* ---- Frames: one thread per cube. */
 
-/* f: its deformation gradient */
+/* Compute the frame of a cube. f: out: its deformation gradient. */
 static __device__ void frame_of(const gpu_system &system, const double *x, int cube, double f[9], pliant_macro_frame *out)
 {
     const gpu_macros &macros = system.macros;
@@ -132,7 +133,7 @@ static __device__ void frame_of(const gpu_system &system, const double *x, int c
         rotation_of(f, out->rotation);
 }
 
-/* evaluates: of the iterate under evaluation, or else of the present one */
+/* Compute all frames. evaluates: of the evaluated iterate; otherwise of the present one. */
 static __global__ void __launch_bounds__(FRAMES) macro_frame_kernel(gpu_system system, gpu_iteration iteration, bool evaluates)
 {
     const gpu_state &state = *iteration.d_state;
@@ -142,9 +143,9 @@ static __global__ void __launch_bounds__(FRAMES) macro_frame_kernel(gpu_system s
     frame_of(system, iteration.d_x[evaluates ? gpu_target(&state) : state.now], cube, f, system.macros.d_frame + cube);
 }
 
-/* ---- one block of threads a cube */
+/* ---- One block per cube. */
 
-/* q of every corner; all threads of the block */
+/* Compute q of every corner, with all threads of the block. */
 static __device__ void corners_in_frame(const gpu_system &system, const double *x, int cube, double *q)
 {
     const gpu_macros &macros = system.macros;
@@ -156,7 +157,7 @@ static __device__ void corners_in_frame(const gpu_system &system, const double *
     __syncthreads();
 }
 
-/* f = root' (root q): a warp a row, then a thread a column; sums in a fixed order */
+/* Compute f = root' (root q): one warp per row, then one thread per column. The order of the sums is fixed. */
 static __device__ void apply_root(const float *root, int rank, int n, double *q, double *row)
 {
     const int lane = (int)threadIdx.x % WARP, warp = (int)threadIdx.x / WARP;
@@ -192,8 +193,7 @@ static __global__ void __launch_bounds__(THREADS) macro_force_kernel(gpu_system 
     }
 }
 
-/* The same for cubes with no more unknowns than a warp has lanes: a warp a cube, a lane an unknown, each row read
- * once. */
+/* Compute forces of small cubes: one warp per cube, one lane per unknown, and each row is read once. */
 static __global__ void __launch_bounds__(THREADS) small_force_kernel(gpu_system system, gpu_iteration iteration)
 {
     __shared__ double shared[CUBES][WARP];
@@ -287,7 +287,7 @@ extern "C" pliant_status pliant_cuda_macro_rotations(const gpu_system *system, c
 
 extern "C" pliant_status pliant_cuda_macro_positions(const gpu_system *system, const gpu_iteration *iteration, double *d_fine, cudaStream_t stream)
 {
-    /* fixed nodes follow no cube: they are at rest */
+    /* Fixed nodes follow no cube and are at rest. */
     const size_t bytes = 3 * (size_t)system->num_fine * sizeof *d_fine;
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(d_fine, system->d_fine_rest, bytes, cudaMemcpyDeviceToDevice, stream)));
     const size_t shared = (size_t)system->macros.most_unknowns * sizeof(double);

@@ -1,12 +1,12 @@
-/* The rotation nearest to a deformation gradient (src/fem/element/corotational.h), one element a thread. Row-major 3 x
- * 3. */
+/* The rotation nearest to a deformation gradient (src/fem/element/corotational.h), one thread per element. Matrices are
+ * 3 x 3, row-major. */
 #ifndef PLIANT_CUDA_ROTATION_CUH
 #define PLIANT_CUDA_ROTATION_CUH
 
 #include "fem/element/corotational.h"
 #include "fem/element/signed_svd.h"
 
-/* Any state; seldom called, and too large to be anywhere else than by itself. */
+/* Compute the rotation in any state. It is seldom called, and not inlined because of its size. */
 static __device__ __noinline__ void rotation_signed_svd(const double *deformation, double *rotation) { pliant_signed_svd(deformation, rotation); }
 
 static __device__ __forceinline__ void rotation_of(const double *deformation, double *x)

@@ -42,7 +42,7 @@ static pliant_status set_size(gpu_answers *answers, int32_t num_free)
     return PLIANT_OK;
 }
 
-/* What is known stays. */
+/* Increase the number of slots, and keep the known columns. */
 static pliant_status make_room(gpu_answers *answers, int32_t count, cudaStream_t stream)
 {
     const int32_t room = std::min(std::max(128, 2 * count), answers->num_free);
@@ -74,7 +74,7 @@ static pliant_status make_room(gpu_answers *answers, int32_t count, cudaStream_t
     return PLIANT_OK;
 }
 
-/* one that is free, or that is not asked for now */
+/* Return a slot that is free, or not used in this step. */
 static int32_t take_slot(gpu_answers *answers)
 {
     while (answers->unknown[answers->next] >= 0 && answers->asked[answers->next] == answers->now) answers->next = (answers->next + 1) % answers->room;

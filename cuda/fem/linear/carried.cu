@@ -8,19 +8,19 @@
 #include <cstring>
 
 enum { THREADS = 128, ENTRIES = 36, MACRO_ENTRIES = 72, WARP = 32, COLUMNS = 32, GROUPS = 8 };
-/* sweeps that a frame has the time for: beyond, a preconditioner made anew is no slower */
+/* Maximum number of sweeps within the time of a frame. Beyond it, a new preconditioner is as fast. */
 enum { MOST_SWEEPS = 32, MOST_TILES = 72 };
-/* what is cut off but for a hinge: of a diagonal's number before the sweeps */
+/* Pivot threshold for parts attached by a hinge, as a fraction of the original diagonal. */
 static constexpr double hinge = 1e-6;
 
 enum { SOURCE, TAKER_START, TAKER, NEAR, PLACE, ANSWER, FOUND, PULL, RIGHT, LEFT, WHOLE };
 
-/* ---- what is near a cut, on the host */
+/* ---- Neighbourhood of a cut, on the host. */
 
 struct neighbours {
-    uint8_t *inner;                   /* (num_free) */
-    int32_t *near;                    /* (num_free) inner ones, then outer ones */
-    int32_t *place;                   /* (nodes) + 1 */
+    uint8_t *inner;                   /* (num_free) nonzero: inner */
+    int32_t *near;                    /* (num_free) inner unknowns, then outer ones */
+    int32_t *place;                   /* (nodes) index in near + 1 */
     int32_t *taker_start, *taker;
     int32_t num_inner, num_near;
 };
@@ -56,7 +56,7 @@ static void find_takers(int32_t num_free, int32_t base_free, const int32_t *sour
         if (source[f] >= 0) found->taker_start[source[f] + 1]++;
     for (int32_t b = 0; b < base_free; b++) found->taker_start[b + 1] += found->taker_start[b];
     const int32_t all = found->taker_start[base_free];
-    for (int32_t f = num_free - 1; f >= 0; f--) /* ascending; starts end up one place on */
+    for (int32_t f = num_free - 1; f >= 0; f--) /* in ascending order; afterwards the starts are shifted by one entry */
         if (source[f] >= 0) found->taker[--found->taker_start[source[f] + 1]] = f;
     for (int32_t b = 0; b < base_free; b++) found->taker_start[b] = found->taker_start[b + 1];
     found->taker_start[base_free] = all;
@@ -79,9 +79,9 @@ static pliant_status find_neighbours(const pliant_system *system, const pliant_c
     return PLIANT_OK;
 }
 
-/* ---- the stiffness there, in tiles: inner unknowns, padded to whole tiles, then outer ones */
+/* ---- The local stiffness, in tiles: inner unknowns, padded to complete tiles, then outer ones. */
 
-struct near_matrix { double *tiles, *whole; int inner, begin; }; /* nodes; the first outer unknown */
+struct near_matrix { double *tiles, *whole; int inner, begin; }; /* nodes; first outer unknown */
 
 static __device__ __forceinline__ int unknown_of(const near_matrix &matrix, int place)
 {
@@ -109,7 +109,7 @@ static __device__ double entry_at_rest(const gpu_system &system, int tet, int ro
     return pliant_isotropic_entry(a, b, system.d_lame[tet], system.d_lame[stride + (size_t)tet], row % 3, column % 3);
 }
 
-/* of a hexahedron, or of a tetrahedron beside a cut, from its root */
+/* Compute an entry of a hexahedron, or of a tetrahedron next to a cut, from its root. */
 static __device__ double macro_entry_at_rest(const gpu_macros &macros, int element, int unknowns, int row, int column)
 {
     const float *root = macros.d_root + macros.d_root_start[element];
@@ -118,8 +118,8 @@ static __device__ double macro_entry_at_rest(const gpu_macros &macros, int eleme
     return sum;
 }
 
-/* One block an inner node: its columns, from the diagonal on down, element after element; nine threads a corner of the
- * element, of up to eight at a time. */
+/* Assemble the columns of one inner node per block, from the diagonal down, element by element. Nine threads handle a
+ * corner of the element, up to eight corners at a time. */
 static __global__ void __launch_bounds__(MACRO_ENTRIES) assemble_kernel(gpu_system system, gpu_carried carried, near_matrix matrix)
 {
     const int own = (int)blockIdx.x, node = carried.d_near[own], at = unknown_of(matrix, own);
@@ -151,7 +151,7 @@ static __global__ void pad_kernel(near_matrix matrix)
     matrix.whole[n] = 1;
 }
 
-/* a block a row */
+/* Convert the matrix to single precision, one block per row. */
 static __global__ void __launch_bounds__(THREADS) narrow_kernel(gpu_carried carried, near_matrix matrix)
 {
     const int n = (int)blockIdx.x, inner = n < 3 * matrix.inner, row = inner ? n : matrix.begin + n - 3 * matrix.inner;
@@ -162,7 +162,7 @@ static __global__ void __launch_bounds__(THREADS) narrow_kernel(gpu_carried carr
     }
 }
 
-/* ---- making it */
+/* ---- Creation. */
 
 template <class T> static pliant_status room_for(size_t count, int array, gpu_carried_room *room, T **d_out)
 {
@@ -264,9 +264,9 @@ extern "C" void pliant_cuda_carried_free(gpu_carried *carried, gpu_carried_room 
     memset(room, 0, sizeof *room);
 }
 
-/* ---- in a step */
+/* ---- In a step. */
 
-/* a warp a row: S r_i, K_oi S r_i */
+/* Compute S r_i and K_oi S r_i, one warp per row. */
 static __global__ void __launch_bounds__(THREADS) near_kernel(gpu_carried carried, const int *d_skip, const float *__restrict__ d_right)
 {
     if (d_skip && *d_skip) return;
@@ -281,7 +281,7 @@ static __global__ void __launch_bounds__(THREADS) near_kernel(gpu_carried carrie
     else carried.d_pull[row - inner] = sum;
 }
 
-/* P' E' r: a thread a number of the base */
+/* Compute P' E' r, one thread per number of the base. */
 static __global__ void __launch_bounds__(THREADS) below_kernel(gpu_carried carried, const int *d_skip, const float *__restrict__ d_right)
 {
     if (d_skip && *d_skip) return;
@@ -303,7 +303,8 @@ static __device__ __forceinline__ float above(const gpu_carried &carried, int f,
     return source >= 0 ? carried.d_left[3 * source + d] : 0;
 }
 
-/* E P z + S r: blocks for inner unknowns, each some columns of K_oi S; then a thread a number for the rest */
+/* Compute E P z + S r. Blocks handle inner unknowns with some columns of K_oi S each; then one thread per number
+ * handles the others. */
 static __global__ void __launch_bounds__(COLUMNS *GROUPS) above_kernel(gpu_carried carried, const int *d_skip, float *__restrict__ d_left)
 {
     __shared__ float sums[GROUPS][COLUMNS];

@@ -7,16 +7,16 @@
 
 enum { TILE = INVERSE_TILE, THREADS = 256 };
 
-/* ---- the matrix at rest, in tiles of SWEEP */
+/* ---- The matrix at rest, in tiles of SWEEP. */
 
 struct sparse { int num_columns, num_blocks; const int *start, *row; const double *values; };
 
-/* one thread a block of the pattern (src/fem/linear/pattern.c says how the numbers lie) */
+/* Copy the matrix to tiles, one thread per block of the pattern (layout: src/fem/linear/pattern.c). */
 static __global__ void scatter_kernel(sparse matrix, double *tiles)
 {
     int b = (int)(blockIdx.x * blockDim.x + threadIdx.x);
     if (b >= matrix.num_blocks) return;
-    int low = 0, high = matrix.num_columns; /* the column that holds it */
+    int low = 0, high = matrix.num_columns; /* search for the column that contains the block */
     while (high - low > 1) {
         int middle = (low + high) / 2;
         if (matrix.start[middle] <= b) low = middle;
@@ -37,7 +37,7 @@ static __global__ void pad_kernel(double *tiles, int size, int padded)
     if (n < padded) put(tiles, n, n, 1);
 }
 
-/* ---- the inverse, from minus what a sweep over all unknowns leaves */
+/* ---- The inverse: minus the result of a sweep over all unknowns. */
 
 static __global__ void narrow_kernel(const double *sweep, float *tiles)
 {
@@ -57,7 +57,7 @@ static __global__ void diagonal_kernel(const double *tiles, int padded, double *
     if (n < padded) out[n] = tiles[SWEEP_TILE * triangle((size_t)tile, (size_t)tile) + SWEEP * place + place];
 }
 
-/* of a diagonal's number, far more than rounding leaves in place of nothing */
+/* Pivot threshold for zero, as a fraction of the original diagonal. It is far above rounding errors. */
 static constexpr double nothing = 1e-10;
 
 struct workspace { gpu_sweep sweep; void *d_start, *d_row, *d_values; double *d_whole; };
@@ -71,7 +71,8 @@ static void workspace_free(workspace *work)
 static pliant_status find_failed(const gpu_sweep *sweep, cudaStream_t stream)
 {
     int h_failed = 0;
-    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream))); /* the copy would wait all the same, and with it those of other threads */
+    /* Otherwise the copy would wait, and block copies of other threads. */
+    CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(&h_failed, sweep->d_failed, sizeof h_failed, cudaMemcpyDeviceToHost, stream)));
     CUDA_TRY(CUDA_CALL(cudaStreamSynchronize(stream)));
     if (h_failed) return pliant_fail(PLIANT_ERROR_NUMERIC, "the stiffness matrix is not positive definite: it has no inverse on the GPU");
@@ -145,9 +146,9 @@ extern "C" void pliant_cuda_inverse_free(gpu_inverse *inverse)
     memset(inverse, 0, sizeof *inverse);
 }
 
-/* ---- in a step */
+/* ---- In a step. */
 
-/* the tile of a block: row i, column j <= i, row after row */
+/* Return the tile of a block: row i, column j <= i, row by row. */
 static __device__ __forceinline__ void tile_of(int block, int *i, int *j)
 {
     int row = (int)((sqrtf(8.0f * (float)block + 1.0f) - 1.0f) * 0.5f);
@@ -167,7 +168,7 @@ template <int HALF> static __device__ __forceinline__ void fold(float *p, int la
     }
 }
 
-/* Sums 16 numbers of each lane over the warp: lane l ends with the sum of number l / 2. */
+/* Sum 16 numbers of each lane over the warp. Lane l returns the sum of number l / 2. */
 static __device__ __forceinline__ float sum_rows(float *p, int lane)
 {
     fold<8>(p, lane);
@@ -177,8 +178,8 @@ static __device__ __forceinline__ float sum_rows(float *p, int lane)
     return p[0] + __shfl_xor_sync(0xffffffff, p[0], 1);
 }
 
-/* One block a tile: its rows give to the unknowns of its row, and, below the diagonal, its columns to those of its
- * column. Of several vectors the tile is read once. */
+/* Multiply one tile per block. Its rows contribute to the unknowns of its row, and below the diagonal its columns
+ * contribute to the unknowns of its column. For several vectors the tile is read once. */
 template <bool SEVERAL>
 static __global__ void __launch_bounds__(THREADS) product_kernel(gpu_inverse inverse, const int *d_skip, int count, size_t stride, const float *__restrict__ d_right)
 {
@@ -283,7 +284,7 @@ extern "C" pliant_status pliant_cuda_inverse_columns(const gpu_inverse *inverse,
 
 enum { RESPONSE_NODES = 64, RESPONSE_ROWS = 3 * RESPONSE_NODES, RESPONSE_CHUNK = 32 };
 
-/* one thread an unknown */
+/* Compute the response, one thread per unknown. */
 static __global__ void __launch_bounds__(RESPONSE_ROWS) response_kernel(gpu_inverse inverse, gpu_iteration iteration, gpu_tool tool, double *d_response)
 {
     __shared__ double turned[RESPONSE_CHUNK][3][3], sums[3][RESPONSE_ROWS];

@@ -8,44 +8,45 @@
 
 enum { THREADS = 128, LANES_PER_NODE = 8, NODES = THREADS / LANES_PER_NODE };
 
-/* Chebyshev steps on the upper part of the spectrum, two before and two after, as on the CPU */
+/* Fraction of the spectrum that the Chebyshev smoother reduces, with two steps before and two after, as on the CPU. */
 static const double spectrum_share = 0.12;
 
 struct chebyshev { float first, again, fresh; }; /* step = first D^-1 r; then step = again step + fresh D^-1 r */
 
-/* Numbers of one level; pointers are of the device. */
+/* Arrays of one level; pointers are device pointers. */
 struct grid_level {
     int num_free, num_coarse;
-    int *d_row_start, *d_column;    /* full rows of 3 x 3 blocks */
+    int *d_row_start, *d_column;    /* complete rows of 3 x 3 blocks */
     float *d_blocks;                /* (entries x 9) */
     float *d_inverse;               /* (num_free x 9) inverted diagonal blocks */
     int *d_to, *d_from_start, *d_from;
     int corners;                    /* of a coarse element */
     float *d_weight;                /* (num_free x corners) */
-    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded as the dense level needs it; of more vectors than one: */
-    size_t stride;                  /* from one to the next */
+    float *d_x[2], *d_step, *d_residual, *d_right; /* (3 num_free), padded for the dense level; for several vectors: */
+    size_t stride;                  /* distance between two vectors */
     chebyshev smoother;
 };
 
-enum { NUM_WIDE = 12 }; /* vectors that columns are found of at once */
+enum { NUM_WIDE = 12 }; /* vectors processed at once for columns */
 
-/* Room for that, made when it is first asked for. */
+/* Work arrays for several vectors, allocated at the first use. */
 struct wide_room {
-    float *d_room; /* of all that follows; NULL: not asked for yet */
-    grid_level level[PLIANT_MAX_LEVELS]; /* as those of one vector, but for these numbers and the first one's d_right */
+    float *d_room; /* memory of all arrays below; NULL: not used yet */
+    grid_level level[PLIANT_MAX_LEVELS]; /* as for one vector, except for these arrays and the d_right of the first
+                                          * level */
     gpu_inverse inverse;
     float *d_out;
 };
 
 struct gpu_multigrid {
-    int num_levels; /* the last is dense */
+    int num_levels; /* the last level is dense */
     grid_level level[PLIANT_MAX_LEVELS];
     gpu_inverse inverse;
     wide_room wide;
     size_t bytes;
 };
 
-/* ---- building */
+/* ---- Creation. */
 
 template <class T> static pliant_status upload(gpu_multigrid *multigrid, const T *h_from, size_t count, cudaStream_t stream, T **d_out)
 {
@@ -66,7 +67,8 @@ static pliant_status room(gpu_multigrid *multigrid, size_t count, cudaStream_t s
     return PLIANT_OK;
 }
 
-/* Chebyshev iteration on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3), two steps */
+/* Return the coefficients of two steps of Chebyshev iteration on [share, 1] of the spectrum of D^-1 A (Saad, Iterative
+ * Methods, 12.3). */
 static chebyshev coefficients(double largest)
 {
     const double low = spectrum_share * largest, centre = 0.5 * (largest + low), half = 0.5 * (largest - low);
@@ -115,7 +117,7 @@ static pliant_status fill(gpu_multigrid *multigrid, const pliant_hierarchy *hier
     return room(multigrid, padded, stream, &multigrid->level[last].d_x[0]);
 }
 
-/* the numbers, from the CPU's */
+/* Copy the values of the CPU's multigrid. */
 static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *system, const double *x, pliant_twist twist, const pliant_hierarchy *hierarchy, cudaStream_t stream)
 {
     pliant_multigrid *numbers = nullptr;
@@ -131,8 +133,8 @@ static pliant_status fill_at(gpu_multigrid *multigrid, const pliant_system *syst
     return status;
 }
 
-/* On fragments where cuts have gone; where these are too many for the dense level, as before the cuts. *out: NULL: too
- * many as well */
+/* Build a hierarchy that separates fragments at cuts. If it has too many unknowns for the dense level, build one
+ * without cuts. *out: NULL: that one has too many as well. */
 static pliant_status find_levels(const pliant_system *system, int32_t largest, pliant_hierarchy **out)
 {
     for (bool fragments : {true, false}) {
@@ -176,7 +178,7 @@ extern "C" void pliant_cuda_multigrid_free(gpu_multigrid *multigrid)
 
 extern "C" size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid) { return multigrid->bytes; }
 
-/* ---- the cycle, of one vector or, by blocks' second index, several. Eight threads a node: they share out the blocks
+/* ---- The cycle, for one vector, or for several by the blocks' second index. Eight threads per node divide the blocks
  * of its row. */
 
 struct vector3 { float x, y, z; };
@@ -188,13 +190,13 @@ static __device__ __forceinline__ void store3(float *to, int node, const vector3
     to[3 * node + 1] = v.y;
     to[3 * node + 2] = v.z;
 }
-/* a: by columns; inverted diagonal blocks are symmetric */
+/* Multiply by a column-major block; inverted diagonal blocks are symmetric. */
 static __device__ __forceinline__ vector3 times(const float *a, const vector3 &v)
 {
     return {a[0] * v.x + a[3] * v.y + a[6] * v.z, a[1] * v.x + a[4] * v.y + a[7] * v.z, a[2] * v.x + a[5] * v.y + a[8] * v.z};
 }
 
-/* right - A x at one node; all eight threads get it */
+/* Return right - A x at one node, to all eight threads. */
 static __device__ __forceinline__ vector3 residual_at(const grid_level &level, const float *right, const float *x, int node, bool there)
 {
     vector3 sum = {0, 0, 0};
@@ -217,7 +219,7 @@ static __device__ __forceinline__ vector3 residual_at(const grid_level &level, c
     return {r.x - sum.x, r.y - sum.y, r.z - sum.z};
 }
 
-/* from zero: step = first D^-1 right, x = step */
+/* Start from zero: step = first D^-1 right, x = step. */
 static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level level, const int *d_skip, const float *d_right, float *d_x)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -229,7 +231,7 @@ static __global__ void __launch_bounds__(THREADS) begin_smooth_kernel(grid_level
     store3(d_x + own, node, step);
 }
 
-/* step = again step + fresh D^-1 (right - A x), x' = x + step */
+/* Compute step = again step + fresh D^-1 (right - A x), x' = x + step. */
 static __global__ void __launch_bounds__(THREADS)
     smooth_kernel(grid_level level, const int *d_skip, const float *d_right, const float *d_x, float *d_next, float again, float fresh)
 {
@@ -256,7 +258,7 @@ static __global__ void __launch_bounds__(THREADS) residual_kernel(grid_level lev
     if (there && threadIdx.x % LANES_PER_NODE == 0) store3(level.d_residual + own, node, residual);
 }
 
-/* eight threads a coarse node */
+/* Restrict the residual, eight threads per coarse node. */
 static __global__ void __launch_bounds__(THREADS) restrict_kernel(grid_level level, const int *d_skip, size_t coarse_stride, float *d_coarse)
 {
     if (d_skip && *d_skip) return;
@@ -298,7 +300,7 @@ static __global__ void __launch_bounds__(THREADS) correct_kernel(grid_level leve
 
 static unsigned blocks_for(int nodes, int a_block) { return (unsigned)((nodes + a_block - 1) / a_block); }
 
-/* d_right of this level to d_out, of so many vectors */
+/* Run the cycle from d_right of this level to d_out, for `count` vectors. */
 static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_inverse *inverse, int l, const int32_t *d_skip, int32_t count, const float *d_right, float *d_out,
                            cudaStream_t stream)
 {
@@ -316,7 +318,7 @@ static pliant_status cycle(int num_levels, const grid_level *levels, const gpu_i
     CUDA_TRY(cycle(num_levels, levels, inverse, l + 1, d_skip, count, coarse.d_right, coarse.d_x[0], stream));
     correct_kernel<<<light, THREADS, 0, stream>>>(level, d_skip, coarse.stride, coarse.d_x[0], level.d_x[1]);
     float *d_last = l == 0 ? d_out : level.d_x[0];
-    float *d_between = level.d_residual; /* not in use any more */
+    float *d_between = level.d_residual; /* not needed any more */
     smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, level.d_x[1], d_between, 0, smoother.first);
     smooth_kernel<<<heavy, THREADS, 0, stream>>>(level, d_skip, d_right, d_between, d_last, smoother.again, smoother.fresh);
     return CUDA_LAUNCHED("smooth_kernel");
@@ -327,10 +329,9 @@ extern "C" pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multig
     return cycle(multigrid->num_levels, multigrid->level, &multigrid->inverse, 0, d_skip, 1, d_right, d_left, stream);
 }
 
-/* ---- columns */
+/* ---- Columns. */
 
-/* Levels' arrays lie one after the other in one block: made amid a step, many would take longer than what they are
- * for. */
+/* Allocate the levels' arrays in one block. Many allocations during a step would take longer than the columns. */
 static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
 {
     wide_room *wide = &multigrid->wide;
@@ -364,7 +365,7 @@ static pliant_status make_wide(gpu_multigrid *multigrid, cudaStream_t stream)
     return PLIANT_OK;
 }
 
-/* a thread a vector */
+/* Set unit vectors, one thread per vector. */
 static __global__ void unit_kernel(const int32_t *d_which, size_t stride, float *d_right)
 {
     const int n = (int)threadIdx.x;

@@ -1,5 +1,5 @@
-/* The preconditioner of large systems: one V-cycle (src/fem/linear/multigrid.c), in float, down to a level whose
- * inverse is dense. */
+/* The preconditioner of large systems: one V-cycle (src/fem/linear/multigrid.c) in single precision, down to a level
+ * with a dense inverse. */
 #ifndef PLIANT_CUDA_MULTIGRID_H
 #define PLIANT_CUDA_MULTIGRID_H
 
@@ -12,14 +12,17 @@ extern "C" {
 
 typedef struct gpu_multigrid gpu_multigrid;
 
-/* x: (nodes x 3) positions that it is made at. largest: free nodes that the dense level may have. *out is NULL when the
- * lattice cannot be coarsened so far. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
+/* Create the multigrid.
+ * @param x        (nodes x 3) positions of the stiffness [m].
+ * @param largest  Maximum number of free nodes of the dense level.
+ * @param out      NULL if the lattice cannot be coarsened that much.
+ * Errors: MEMORY, NUMERIC, UNAVAILABLE. */
 pliant_status pliant_cuda_multigrid_create(const pliant_system *system, const double *x, pliant_twist twist, int32_t largest, cudaStream_t stream, gpu_multigrid **out);
 void pliant_cuda_multigrid_free(gpu_multigrid *multigrid); /* Nullable */
 size_t pliant_cuda_multigrid_bytes(const gpu_multigrid *multigrid);
-/* As pliant_cuda_inverse_apply. */
+/* Do the same as pliant_cuda_inverse_apply. */
 pliant_status pliant_cuda_multigrid_apply(const gpu_multigrid *multigrid, const int32_t *d_skip, const float *d_right, float *d_left, cudaStream_t stream);
-/* As pliant_cuda_inverse_columns, of a V-cycle: several at once. Errors: MEMORY, UNAVAILABLE. */
+/* Do the same as pliant_cuda_inverse_columns, with several V-cycles at once. Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_multigrid_columns(gpu_multigrid *multigrid, int32_t count, const int32_t *d_which, size_t stride, float *d_column, cudaStream_t stream);
 
 #ifdef __cplusplus

@@ -7,13 +7,12 @@
 
 enum { THREADS = 128 };
 
-/* Free nodes up to which the dense inverse is quicker than a V-cycle, and that the dense level of a V-cycle may
- * have; up to which an inverse may be asked for explicitly (its double-precision making takes 9 bytes x unknowns^2
- * and more). */
+/* Numbers of free nodes: maximum for which the dense inverse is faster than a V-cycle; maximum of a V-cycle's dense
+ * level; maximum of an explicitly requested inverse. Creating an inverse in double precision takes at least 9 bytes x
+ * unknowns^2. */
 enum { LARGEST_DENSE = 2000, COARSEST = 1600, LARGEST_ASKED = 16000 };
 
-/* The three columns of a block, of that on the diagonal from the diagonal on (src/fem/linear/pattern.c says how the
- * numbers lie). */
+/* The three columns of a block. A diagonal block begins at the diagonal (layout: src/fem/linear/pattern.c). */
 struct block_place { double *column[3]; };
 
 static block_place place_of_block(const pliant_pattern *pattern, int32_t column, int32_t block, double *values)
@@ -28,14 +27,14 @@ static block_place place_of_block(const pliant_pattern *pattern, int32_t column,
     return at;
 }
 
-/* T' K T: what turns with the tissue, as it would be at rest */
+/* Compute T' K T: rotate the stiffness back to rest. */
 static void turn_back(const pliant_pattern *pattern, const double *axes, double *values)
 {
     for (int32_t column = 0; column < pattern->num_columns; column++)
         for (int32_t block = pattern->start[column]; block < pattern->start[column + 1]; block++) {
             const double *left = axes + 9 * (size_t)pattern->row[block], *right = axes + 9 * (size_t)column;
             const block_place at = place_of_block(pattern, column, block, values);
-            const bool diagonal = pattern->row[block] == column; /* the lower half is there */
+            const bool diagonal = pattern->row[block] == column; /* only the lower half is stored */
             double k[9], half[9];
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++) k[3 * r + c] = diagonal && r < c ? at.column[r][c] : at.column[c][r];
@@ -80,7 +79,7 @@ static pliant_status create(const pliant_system *system, pliant_preconditioner_c
 {
     CUDA_TRY(pliant_carried_layout_create(system, &out->layout));
     const bool layered = choice == PLIANT_MULTIGRID || (choice == PLIANT_PRECONDITIONER_AUTO && system->num_free > LARGEST_DENSE);
-    /* an octree, or macro-elements that reach over cubes, have no coarser lattice */
+    /* An octree and macro-elements across cubes have no coarser lattice. */
     const bool nested = system->mesh->lattice_of_tet && (!system->macros || system->macros->cell);
     if (layered && nested) {
         CUDA_TRY(create_multigrid(system, at, stream, out));
@@ -116,9 +115,9 @@ extern "C" void pliant_cuda_preconditioner_free(gpu_preconditioner *precondition
     memset(preconditioner, 0, sizeof *preconditioner);
 }
 
-/* ---- in a step */
+/* ---- In a step. */
 
-/* T v at every node, or, back, T' v */
+/* Compute T v at every node, or with `back` T' v. */
 static __global__ void __launch_bounds__(THREADS) turn_kernel(int count, const double *d_axes, bool back, const int32_t *d_skip, const float *d_from, float *d_out)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -162,7 +161,7 @@ extern "C" pliant_status pliant_cuda_precondition(const gpu_preconditioner *prec
     return apply(preconditioner, &iteration->d_state->skips, iteration, stream);
 }
 
-/* right = T' W' e_d, on a vector of zeros */
+/* Compute right = T' W' e_d, on a vector of zeros. */
 static __global__ void __launch_bounds__(THREADS) hold_kernel(gpu_iteration iteration, gpu_tool tool, int d)
 {
     const int h = (int)(blockIdx.x * THREADS + threadIdx.x);

@@ -1,4 +1,4 @@
-/* What the solver keeps on the GPU is carried over to the next body. */
+/* Carries the GPU solver's data over a cut. */
 #include "cuda/fem/quasistatic/anderson.h"
 #include "base/fail.h"
 #include "cuda/base/check.h"
@@ -15,7 +15,8 @@ static __global__ void __launch_bounds__(THREADS) take_axes_kernel(int count, co
     d_out[n] = d_before[f] >= 0 ? d_axes[9 * (size_t)d_before[f] + m] : m % 4 == 0;
 }
 
-/* Its arrays, and in them the axes of the nodes that were before. h_before: (num_free) unknown there or -1. */
+/* Allocate the arrays for the new system and copy the axes of the nodes. h_before: (num_free) unknown before the cut,
+ * or -1. */
 static pliant_status size_with_axes(pliant_cuda_solver *gpu, const pliant_solver *solver, const int32_t *h_before)
 {
     const int32_t count = gpu->system.num_free;

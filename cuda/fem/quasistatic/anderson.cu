@@ -6,10 +6,10 @@
 
 enum { THREADS = 256 };
 
-/* ---- at the beginning of a step */
+/* ---- Start of a step. */
 
-/* inverse of the leading rows x rows of a, by Gauss and Jordan with row exchanges; one thread a column. false:
- * singular */
+/* Invert the leading rows x rows of a by Gauss-Jordan elimination with row exchanges, one thread per column. Return
+ * false if a is singular. */
 static __device__ bool invert_rows(int rows, double (*a)[2 * GPU_ROWS])
 {
     const int thread = (int)threadIdx.x;
@@ -71,7 +71,7 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
         rules.is_cycle = step.is_cycle;
         rules.is_bounded = step.touches;
         rules.smallest_displacement = step.smallest_displacement;
-        if (step.opened) { /* as beyond a blind step */
+        if (step.opened) { /* as after a blind step */
             rules.blind = 1;
             rules.sound_merit = step.sound_merit;
             for (int r = 0; r < GPU_ROWS; r++) state.force[1 - now][r] = step.previous_force[r];
@@ -98,16 +98,16 @@ static __global__ void __launch_bounds__(THREADS) begin_kernel(gpu_iteration ite
     for (int m = thread; m < rows * rows; m += THREADS) iteration.d_history->inverse[m] = a[m / rows][rows + m % rows];
 }
 
-/* ---- after the preconditioner */
+/* ---- After the preconditioner. */
 
-enum { NODES = 64 }; /* threads of a block, one a node */
+enum { NODES = 64 }; /* threads of a block, one per node */
 
-/* What the springs of all tools do: every block finds dl for itself, and the part of W' dl that falls on its nodes. */
+/* Effect of all tools' springs. Every block computes dl, and the part of W' dl on its nodes. */
 struct spring_share {
     double right[GPU_ROWS], force[GPU_ROWS], pull[NODES][3];
 };
 
-/* dl = S^-1 (e - W step0), a warp a tool */
+/* Compute dl = S^-1 (e - W step0), one warp per tool. */
 static __device__ void find_spring_forces(const gpu_iteration &iteration, const gpu_state &state, int target, spring_share &share)
 {
     const int thread = (int)threadIdx.x, lane = thread % 32, rows = state.rows;
@@ -138,7 +138,7 @@ static __device__ void find_spring_forces(const gpu_iteration &iteration, const 
     __syncthreads();
 }
 
-/* tools after each other: they may share nodes */
+/* Add the tools one after the other, since they may share nodes. */
 static __device__ void find_spring_pull(const gpu_state &state, int first_node, spring_share &share)
 {
     for (int row = 0; row < state.rows; row += 3) {
@@ -154,8 +154,8 @@ static __device__ void find_spring_pull(const gpu_state &state, int first_node, 
     }
 }
 
-/* A node's residual without the springs' part, and that of the end of the step before (past), which for KNOWN is this
- * state. */
+/* Read a node's residual without the springs' part, and the final residual of the previous step (past). With KNOWN,
+ * that is the same state. */
 template <bool KNOWN> static __device__ void take_residual(const gpu_iteration &iteration, const gpu_state &state, int target, size_t i, double *residual,
                                                            double *past)
 {
@@ -172,7 +172,7 @@ template <bool KNOWN> static __device__ void take_residual(const gpu_iteration &
     }
 }
 
-/* step = left + T' Z dl at one node; residual += T' W' dl */
+/* Compute step = left + T' Z dl at one node, and add T' W' dl to the residual. */
 static __device__ void finish_node(const gpu_iteration &iteration, const gpu_state &state, const spring_share &share, int target, size_t node,
                                    double *step, double *residual)
 {
@@ -196,7 +196,7 @@ static __device__ void finish_node(const gpu_iteration &iteration, const gpu_sta
     }
 }
 
-/* Secants that there are, to a list in shared memory, by one warp. */
+/* List the stored secants in shared memory, with one warp. */
 static __device__ void list_secants(const gpu_iteration &iteration, const gpu_state &state, int *used, int *count)
 {
     const int lane = (int)threadIdx.x % 32;
@@ -206,10 +206,10 @@ static __device__ void list_secants(const gpu_iteration &iteration, const gpu_st
     if (lane == 0) *count = __popc(all);
 }
 
-/* The step complete, and its products: with its own residual, crosswise with the present iterate's, with that of the
- * state before, secants' with its residual, at first secants' with that of the state before; the largest nodal
- * residual. One thread a node. KNOWN: a step's first state is as the last one's end, and so is what the preconditioner
- * gave. */
+/* Complete the step and compute its products, one thread per node. The products are with its residual, crosswise with
+ * the present iterate's, and with the previous step's residual. The secants' products with its residual follow, and in
+ * a first evaluation with the previous step's. The largest nodal residual is found as well. KNOWN: the first state
+ * equals the final state of the last step, and so does the preconditioner's result. */
 template <bool KNOWN> static __global__ void __launch_bounds__(NODES) complete_kernel(gpu_iteration iteration, int gather_blocks)
 {
     __shared__ spring_share share;
@@ -271,12 +271,12 @@ template <bool KNOWN> static __global__ void __launch_bounds__(NODES) complete_k
     iteration.d_sums[GATHER_SUMS * gather_blocks + (size_t)gridDim.x * (size_t)thread + blockIdx.x] = sum;
 }
 
-/* ---- the next trial */
+/* ---- The next trial. */
 
-/* Of the secants that have a weight in the proposal, in the estimate of what is left or in that of the state before. */
+/* Secants with a weight in the proposal, in the error estimate, or in the previous step's error estimate. */
 struct weighted { int count, place[GPU_HISTORY]; double weight[GPU_HISTORY][3]; };
 
-/* by one warp */
+/* List them with one warp. */
 static __device__ void list_weights(const gpu_iteration &iteration, const gpu_state &state, weighted &list)
 {
     const int lane = (int)threadIdx.x % 32;
@@ -290,15 +290,15 @@ static __device__ void list_weights(const gpu_iteration &iteration, const gpu_st
     if (lane == 0) list.count = __popc(all);
 }
 
-/* The secant and the proposal at one node: what is left, what the proposal moves, and what was left at the state
- * before, in the node's own axes. */
+/* Store the secant and compute the proposal at one node. left, made, past: out: remaining motion, proposed motion, and
+ * remaining motion of the previous step, in the node's axes. */
 static __device__ void propose_node(const gpu_iteration &iteration, const gpu_state &state, const pliant_anderson &rules, const weighted &list, size_t node,
                                     double *left, double *made, double *past)
 {
     const size_t n = 3 * (size_t)iteration.num_free, i = 3 * node, x = 3 * (size_t)iteration.d_node_of_free[node];
     const int now = state.now, next = rules.next;
     const double damping = rules.damping;
-    const bool stays = next == PLIANT_NEXT_PREVIOUS || state.ending; /* it is there; it is kept */
+    const bool stays = next == PLIANT_NEXT_PREVIOUS || state.ending; /* the state exists already, and is kept */
     if (rules.keep >= 0) {
         const int from = state.old_now, to = 1 - from;
         const size_t place = n * (size_t)rules.keep + i;
@@ -332,12 +332,13 @@ static __device__ void propose_node(const gpu_iteration &iteration, const gpu_st
     for (int d = 0; d < 3; d++) iteration.d_x[1 - now][x + d] = next == PLIANT_NEXT_REST ? iteration.d_rest[x + d] : iteration.d_x[now][x + d] + damping * out[d];
 }
 
-/* All blocks are done: whether what is left is little enough, or else the blind step, and then its end. rules: a copy
- * in shared memory */
+/* Finish a proposal after all blocks are done: test convergence, or continue with the blind step and its end. rules: a
+ * copy in shared memory. */
 static __device__ void settle(gpu_state &state, pliant_anderson &rules)
 {
     double largest[4];
-    for (int m = 0; m < 4; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull))); /* past the cache */
+    /* Bypasses the cache. */
+    for (int m = 0; m < 4; m++) largest[m] = sqrt(__longlong_as_double((long long)atomicMax(&state.largest[m], 0ull)));
     if (!state.ending && (rules.next == PLIANT_NEXT_TRIAL || rules.next == PLIANT_NEXT_BLIND || rules.next == PLIANT_NEXT_DONE))
         pliant_anderson_settle(&rules, state.mixed, largest[0], rules.damping * largest[1], largest[2]);
     else if (state.ending && state.evaluated)
@@ -360,7 +361,7 @@ static __device__ void copy_rules(const pliant_anderson *from, pliant_anderson *
         reinterpret_cast<double *>(to)[n] = reinterpret_cast<const double *>(from)[n];
 }
 
-/* the secant, and the iterate to look at next; one thread a node */
+/* Store the secant and compute the next iterate, one thread per node. */
 static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration iteration)
 {
     __shared__ double most[4][NODES / 32];
@@ -389,7 +390,7 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
         }
     }
     for (int m = 0; m < 4; m++) {
-        /* what is no number is no small one */
+        /* NaN counts as infinite */
         const double largest = warp_largest(isfinite(squares[m]) ? squares[m] : INFINITY);
         if (lane == 0) most[m][warp] = largest;
     }
@@ -398,7 +399,8 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
         for (int m = 0; m < 4; m++) {
             double largest = most[m][0];
             for (int w = 1; w < NODES / 32; w++) largest = fmax(largest, most[m][w]);
-            atomicMax(&state.largest[m], (unsigned long long)__double_as_longlong(largest)); /* any order gives the same */
+            /* Independent of the order. */
+            atomicMax(&state.largest[m], (unsigned long long)__double_as_longlong(largest));
         }
         __threadfence();
         is_last = atomicAdd(&state.blocks, 1ull) + 1 == gridDim.x;
@@ -410,7 +412,7 @@ static __global__ void __launch_bounds__(NODES) propose_kernel(gpu_iteration ite
     copy_rules(&rules, &state.rules);
 }
 
-/* ---- launches */
+/* ---- Kernel launches. */
 
 extern "C" int pliant_cuda_dot_blocks(const gpu_iteration *iteration) { return (iteration->num_free + NODES - 1) / NODES; }
 

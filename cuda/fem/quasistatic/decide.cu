@@ -1,12 +1,13 @@
-/* What follows from an evaluation: one block, on a copy of the state in shared memory. */
+/* Decisions after an evaluation, by one block, on a copy of the state in shared memory. */
 #include "cuda/fem/quasistatic/anderson.h"
 #include "cuda/base/check.h"
 #include "fem/quasistatic/secant_equations.h"
 #include "cuda/base/warp_sum.cuh"
 
-enum { DECIDERS = 32 * (SINGLE_SUMS + PLIANT_MAX_HISTORY + GATHER_SUMS) }; /* a warp a sum, but in a step's first evaluation */
+/* One warp per sum, except in a step's first evaluation. */
+enum { DECIDERS = 32 * (SINGLE_SUMS + PLIANT_MAX_HISTORY + GATHER_SUMS) };
 
-enum { TRIAL, ESTIMATE, PAST, KINDS }; /* of weights */
+enum { TRIAL, ESTIMATE, PAST, KINDS }; /* kinds of weights */
 
 struct decision {
     gpu_state state;
@@ -26,7 +27,7 @@ static __device__ double spring_energy(const gpu_state &state, const double *a, 
     return sum;
 }
 
-/* sums over blocks, a warp a sum, always in the same order; those that are not asked for are of no meaning */
+/* Sum over blocks, one warp per sum, in a fixed order. Unused sums are undefined. */
 static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks, int dot_blocks, decision &now)
 {
     const int lane = (int)threadIdx.x % 32, num_dots = SINGLE_SUMS + 2 * iteration.room;
@@ -48,7 +49,7 @@ static __device__ void add_up(const gpu_iteration &iteration, int gather_blocks,
     }
 }
 
-/* The products of the secant from the present iterate to what was evaluated: its row to new_row. */
+/* Compute the products of the secant from the present iterate to the evaluated state in new_row. */
 static __device__ void find_products(decision &now)
 {
     gpu_state &state = now.state;
@@ -57,7 +58,7 @@ static __device__ void find_products(decision &now)
     for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
     const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
     now.new_row[place] = own - by_now - of_now + state.energy;
-    /* secant . residual, of the iterate that stays or of the one that is taken */
+    /* secant . residual, of the iterate that stays or of the accepted one */
     state.along[place] = by_now - state.energy;
     along_trial[place] = own - of_now;
     state.past_along[place] = now.sums[4] - state.past_of_now;
@@ -72,7 +73,7 @@ static __device__ double find_merit(decision &now, int target)
     return state.singular ? INFINITY : pliant_anderson_merit(energy, state.scale[target]);
 }
 
-/* accept or refuse; whether to go on, and how: anderson.h, as solver.c follows it */
+/* Accept or refuse the state and choose the next action, with anderson.h, as in solver.c. */
 static __device__ void judge(decision &now, int room)
 {
     gpu_state &state = now.state;
@@ -107,7 +108,7 @@ static __device__ void judge(decision &now, int room)
     state.blocks = 0;
 }
 
-/* the secant's part in the history: what springs do, by a thread a row; then its products, by a thread a secant */
+/* Store the secant's spring forces in the history, one thread per row, and then its products, one thread per secant. */
 static __device__ void keep_springs(decision &now, gpu_secants &kept)
 {
     const gpu_state &state = now.state;
@@ -125,7 +126,7 @@ static __device__ void keep_products(decision &now, gpu_secants &kept)
     kept.gram[one] = kept.gram[other] = now.secants.gram[one] = now.secants.gram[other] = product;
 }
 
-/* Weights of one kind, by one warp (GPU_HISTORY is less than 32); false: none */
+/* Compute the weights of one kind, with one warp (GPU_HISTORY is less than 32). Return false if there are none. */
 static __device__ bool find_weights(decision &now, int kind)
 {
     const gpu_state &state = now.state;
@@ -140,7 +141,7 @@ static __device__ bool find_weights(decision &now, int kind)
     return asked && pliant_secant_weights(h, 32, &state.rules, now.secants.gram, now.along[kind], kind != TRIAL, now.equations + kind, now.state.weights[kind]);
 }
 
-/* a tool's force in the iterate to come; that of a state before is still there */
+/* Set a tool's force in the next iterate. A restored state has its force already. */
 static __device__ void plan_force(gpu_state &state, const gpu_secants &secants, int row)
 {
     if (state.rules.next == PLIANT_NEXT_PREVIOUS || state.ending) return;

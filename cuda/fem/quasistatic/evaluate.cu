@@ -1,4 +1,4 @@
-/* Evaluations: their kernels, and those of one as a graph, all for the price of one launch. */
+/* Evaluations: their kernels, and graphs of them, which need only one launch. */
 #include "cuda/fem/quasistatic/anderson.h"
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
@@ -39,7 +39,7 @@ static pliant_status enqueue_touching(pliant_cuda_solver *gpu)
     return enqueue_judge(gpu, false);
 }
 
-/* A part of an evaluation as a graph, made when it is first asked for. */
+/* Launch a part of an evaluation as a graph, which is recorded at the first use. */
 static pliant_status launch(pliant_cuda_solver *gpu, pliant_status (*enqueue_part)(pliant_cuda_solver *), cudaGraphExec_t *part)
 {
     cudaGraph_t graph = nullptr;
@@ -66,14 +66,16 @@ extern "C" pliant_status pliant_cuda_solver_evaluate_first(pliant_cuda_solver *g
     return CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream));
 }
 
-/* Whether two graphs with as many kernels have the same ones. */
+/* Return an identifier for the kernel sequence of an evaluation. Graphs with equal identifiers and equal size have the
+ * same kernels. */
 static int kind_of(const gpu_preconditioner *preconditioner)
 {
     const gpu_carried *carried = &preconditioner->carried;
     return (preconditioner->multigrid ? 4 : 0) + (carried->base_free == 0 ? 0 : carried->inner == 0 ? 1 : 2);
 }
 
-/* the same kernels with other numbers: much less than making it anew. false: it is to be made anew all the same */
+/* Update the parameters of a graph, which is much faster than instantiating it. Return false if it must be
+ * instantiated. */
 static bool update(cudaGraphExec_t evaluation, cudaGraph_t graph)
 {
 #if CUDART_VERSION >= 12000
@@ -96,7 +98,8 @@ extern "C" pliant_status pliant_cuda_solver_record(pliant_cuda_solver *gpu)
     gpu->look = gpu->touching = nullptr;
     CUDA_TRY(CUDA_CALL(cudaStreamBeginCapture(gpu->stream, cudaStreamCaptureModeThreadLocal)));
     pliant_status status = enqueue(gpu, false);
-    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph); /* whatever failed: while a stream records, nothing can be given back */
+    /* Also after a failure: memory cannot be freed while a stream records. */
+    const cudaError_t ended = cudaStreamEndCapture(gpu->stream, &graph);
     if (status == PLIANT_OK) status = CUDA_CALL(ended);
     size_t kernels = 0;
     const int kind = kind_of(&gpu->preconditioner);

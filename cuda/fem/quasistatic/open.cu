@@ -1,6 +1,6 @@
-/* The first step after a cut on the GPU, as src/fem/quasistatic/opened.c finds it on the CPU: vectors stay here, what
- * is decided of a few numbers the host decides. Only of a fresh state: it is in the first buffer, nothing else is known
- * of it, and no step is under way. Where points of contact are near, there is none. */
+/* The first step after a cut on the GPU, as in src/fem/quasistatic/opened.c. Vectors stay on the GPU; the host decides
+ * from a few numbers. The state must be fresh: it is in the first buffer, without known quantities, and no step is
+ * running. With contact points there is no Newton step. */
 #include "cuda/fem/quasistatic/axes.cuh"
 #include "cuda/base/check.h"
 #include "base/dense.h"
@@ -14,7 +14,7 @@
 
 enum { THREADS = 128, WARPS = THREADS / 32, OPEN_SUMS = 2 };
 
-/* The vectors (3 num_free), in the nodes' own axes, in arrays that a fresh state has no use for. */
+/* The vectors (3 num_free), in the nodes' axes, in arrays that a fresh state does not use. */
 struct open_vectors { double *d_elastic, *d_left, *d_along, *d_way, *d_pulled, *d_step; };
 
 static open_vectors vectors_of(const gpu_iteration *it)
@@ -22,7 +22,7 @@ static open_vectors vectors_of(const gpu_iteration *it)
     return {it->d_past_residual, it->d_residual[1], it->d_step[1], it->d_past_step, it->d_free_residual, it->d_step[0]};
 }
 
-/* ---- kernels, one thread a node */
+/* ---- Kernels with one thread per node. */
 
 static __device__ __forceinline__ void elastic_at(const gpu_system &system, const double *d_element_force, int n, double *out)
 {
@@ -31,7 +31,7 @@ static __device__ __forceinline__ void elastic_at(const gpu_system &system, cons
         for (int d = 0; d < 3; d++) out[d] += d_element_force[4 * (size_t)system.d_corner[c] + d];
 }
 
-/* a sum, and the largest of something, of each block */
+/* Store a sum and a maximum of each block. */
 static __device__ void keep_sums(double own, double largest, double *d_sums)
 {
     __shared__ double sums[OPEN_SUMS][WARPS];
@@ -50,7 +50,7 @@ static __device__ void keep_sums(double own, double largest, double *d_sums)
     for (int s = 0; s < OPEN_SUMS; s++) d_sums[OPEN_SUMS * (size_t)blockIdx.x + s] = sums[s][0];
 }
 
-/* elastic forces; left = T' (load - elastic) */
+/* Compute elastic forces, and left = T' (load - elastic). */
 static __global__ void __launch_bounds__(THREADS) open_residual_kernel(gpu_system system, gpu_iteration it, open_vectors at)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -65,7 +65,7 @@ static __global__ void __launch_bounds__(THREADS) open_residual_kernel(gpu_syste
     for (int d = 0; d < 3; d++) at.d_left[3 * (size_t)n + d] = left[d];
 }
 
-/* pulled = T' (elastic there - elastic) / share; along . pulled */
+/* Compute pulled = T' (elastic at the trial - elastic) / share, and along . pulled. */
 static __global__ void __launch_bounds__(THREADS) open_product_kernel(gpu_system system, gpu_iteration it, open_vectors at, double share, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -83,7 +83,7 @@ static __global__ void __launch_bounds__(THREADS) open_product_kernel(gpu_system
     keep_sums(own, 0, d_sums);
 }
 
-/* way . T' (load - elastic there) */
+/* Compute way . T' (load - elastic at the trial). */
 static __global__ void __launch_bounds__(THREADS) open_slope_kernel(gpu_system system, gpu_iteration it, open_vectors at, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -98,7 +98,7 @@ static __global__ void __launch_bounds__(THREADS) open_slope_kernel(gpu_system s
     keep_sums(own, 0, d_sums);
 }
 
-/* to = from + share T v */
+/* Compute to = from + share T v. */
 static __global__ void __launch_bounds__(THREADS) open_place_kernel(gpu_iteration it, const double *d_v, double share, const double *d_from, double *d_to)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -109,7 +109,7 @@ static __global__ void __launch_bounds__(THREADS) open_place_kernel(gpu_iteratio
     for (int d = 0; d < 3; d++) d_to[x + d] = d_from[x + d] + share * step[d];
 }
 
-/* way += share along, left -= share pulled; what the preconditioner takes */
+/* Compute way += share along, left -= share pulled, and the preconditioner's input. */
 static __global__ void __launch_bounds__(THREADS) open_advance_kernel(gpu_iteration it, open_vectors at, double share)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -125,7 +125,7 @@ static __global__ void __launch_bounds__(THREADS) open_advance_kernel(gpu_iterat
 
 struct open_pulls { int count; const double *d_response[GPU_TOOLS]; double force[GPU_ROWS]; };
 
-/* step = what the preconditioner gave + T' Z dl; left . step, and the longest of its nodes, squared */
+/* Compute step = (preconditioner's output) + T' Z dl, left . step, and the squared maximum over the nodes. */
 static __global__ void __launch_bounds__(THREADS) open_step_kernel(gpu_iteration it, open_vectors at, open_pulls pulls, double *d_sums)
 {
     const int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -146,7 +146,7 @@ static __global__ void __launch_bounds__(THREADS) open_step_kernel(gpu_iteration
     keep_sums(own, square, d_sums);
 }
 
-/* along = step + turned along */
+/* Compute along = step + turned along. */
 static __global__ void __launch_bounds__(THREADS) open_combine_kernel(gpu_iteration it, open_vectors at, double turned)
 {
     const size_t i = (size_t)blockIdx.x * THREADS + threadIdx.x;
@@ -160,9 +160,9 @@ static __global__ void __launch_bounds__(THREADS) open_longest_kernel(gpu_iterat
     keep_sums(0, n < it.num_free ? v[0] * v[0] + v[1] * v[1] + v[2] * v[2] : 0, d_sums);
 }
 
-/* ---- kernels of a tool, one thread a node that it holds */
+/* ---- Kernels of a tool, one thread per held node. */
 
-/* v += share T' W' force */
+/* Compute v += share T' W' force. */
 static __global__ void __launch_bounds__(THREADS) open_pull_kernel(gpu_iteration it, gpu_tool tool, double x, double y, double z, double *d_v)
 {
     const int h = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -175,7 +175,7 @@ static __global__ void __launch_bounds__(THREADS) open_pull_kernel(gpu_iteration
     for (int c = 0; c < 3; c++) d_v[3 * node + c] += pull[c];
 }
 
-/* W v, v in the nodes' axes where it turns; one block */
+/* Compute W v with one block. turns: v is in the nodes' axes. */
 template <class T> static __global__ void __launch_bounds__(THREADS) open_moved_kernel(gpu_iteration it, gpu_tool tool, const T *d_v, bool turns, double *d_out)
 {
     __shared__ double sums[WARPS][3];
@@ -198,7 +198,7 @@ template <class T> static __global__ void __launch_bounds__(THREADS) open_moved_
     d_out[threadIdx.x] = sum;
 }
 
-/* ---- on the host */
+/* ---- On the host. */
 
 struct opening {
     pliant_cuda_solver *gpu;
@@ -207,9 +207,10 @@ struct opening {
     open_vectors at;
     unsigned blocks;
     int num_springs, spring[GPU_TOOLS];
-    double factor[GPU_ROWS * GPU_ROWS];                                     /* Cholesky's of S */
-    double pulls[GPU_ROWS], pulls_along[GPU_ROWS], pulls_next[GPU_ROWS];    /* forces of springs: as far as it is found, of the direction, of the next */
-    double norm, longest, energy;                                           /* longest: of along, at most; energy: residual . way [J] */
+    double factor[GPU_ROWS * GPU_ROWS];                                     /* Cholesky factor of S */
+    /* Forces of springs: of the step so far, of the present direction, of the next direction. */
+    double pulls[GPU_ROWS], pulls_along[GPU_ROWS], pulls_next[GPU_ROWS];
+    double norm, longest, energy; /* longest: maximum of along over the nodes; energy: residual . way [J] */
 };
 
 static size_t open_bytes(const gpu_iteration *it)
@@ -234,7 +235,7 @@ static pliant_status fetch(const opening *work, size_t count)
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
 }
 
-/* what keep_sums has left of all blocks, in order; largest: Nullable: of squares */
+/* Add up the results of keep_sums in a fixed order. largest: Nullable: maximum from squares. */
 static pliant_status add_up(const opening *work, double *sum, double *largest)
 {
     double square = 0;
@@ -250,7 +251,7 @@ static pliant_status add_up(const opening *work, double *sum, double *largest)
 
 static unsigned blocks_of_tool(const gpu_tool *tool) { return (unsigned)((tool->count + THREADS - 1) / THREADS); }
 
-/* v += share T' W' forces of the springs */
+/* Compute v += share T' W' forces of the springs. */
 static pliant_status pull(const opening *work, const double *forces, double share, double *d_v)
 {
     for (int s = 0; s < work->num_springs; s++) {
@@ -262,7 +263,7 @@ static pliant_status pull(const opening *work, const double *forces, double shar
     return PLIANT_OK;
 }
 
-/* forces of tools at the state: v += T' W' f */
+/* Add the tools' forces of the present state: v += T' W' f. */
 static pliant_status load_tools(const opening *work, double *d_v)
 {
     for (int t = 0; t < GPU_TOOLS; t++) {
@@ -275,7 +276,7 @@ static pliant_status load_tools(const opening *work, double *d_v)
     return PLIANT_OK;
 }
 
-/* S = c I + W Z of the springs. *regular: it is positive definite */
+/* Compute S = c I + W Z of the springs. *regular: it is positive definite. */
 static pliant_status find_springs(opening *work, bool *regular)
 {
     const pliant_cuda_solver *gpu = work->gpu;
@@ -299,7 +300,7 @@ static pliant_status find_springs(opening *work, bool *regular)
     return PLIANT_OK;
 }
 
-/* forces = S^-1 (e - W v); stretch: Nullable: e is nothing */
+/* Compute forces = S^-1 (e - W v). stretch: Nullable: e is zero. */
 template <class T> static pliant_status keep(const opening *work, const T *d_v, const double *stretch, double *forces)
 {
     const pliant_cuda_solver *gpu = work->gpu;
@@ -323,7 +324,7 @@ static pliant_status advance(const opening *work, double share)
     return CUDA_LAUNCHED("open_advance_kernel");
 }
 
-/* From what is left: the step that the preconditioner and the springs make of it, and their product. */
+/* Compute the preconditioned step of the remaining residual with springs, and their product. */
 static pliant_status precondition(const opening *work, const double *stretch, double *forces, double *norm, double *longest)
 {
     const pliant_cuda_solver *gpu = work->gpu;
@@ -349,7 +350,7 @@ static pliant_status combine(opening *work, double turned)
     return CUDA_LAUNCHED("open_combine_kernel");
 }
 
-/* x + share v to another buffer or the same; and element forces there */
+/* Write x + share v to a buffer, which may be the same one. */
 static pliant_status place(const opening *work, const double *d_v, double share, double *d_to)
 {
     const gpu_iteration *it = &work->gpu->iteration;
@@ -363,7 +364,7 @@ static pliant_status find_forces(const opening *work, double *d_x)
     return pliant_cuda_forces(&work->gpu->system, &it, work->gpu->stream);
 }
 
-/* pulled = K along, and along . pulled; by a difference of this part of along */
+/* Compute pulled = K along and along . pulled, from a difference over the fraction `share` of along. */
 static pliant_status multiply(const opening *work, double share, double *curvature)
 {
     const pliant_cuda_solver *gpu = work->gpu;
@@ -374,8 +375,8 @@ static pliant_status multiply(const opening *work, double share, double *curvatu
     return add_up(work, curvature, nullptr);
 }
 
-/* The state's residual, and from it the first direction. led: what holds has moved since the last step, and the
- * direction is to be gone as it is */
+/* Compute the state's residual and the first direction. led: out: held nodes have moved since the last step, and the
+ * direction is taken with length 1. */
 static pliant_status begin(opening *work, bool *led)
 {
     const pliant_cuda_solver *gpu = work->gpu;
@@ -398,7 +399,7 @@ static pliant_status begin(opening *work, bool *led)
     return combine(work, 0);
 }
 
-/* By conjugate gradients, as find_step of opened.c. *products: at most so many on entry */
+/* Run conjugate gradients as find_step in opened.c. products: in: maximum number; out: number used. */
 static pliant_status find_step(opening *work, bool led, int32_t *products)
 {
     const int32_t most = *products;
@@ -427,7 +428,7 @@ static pliant_status find_step(opening *work, bool led, int32_t *products)
     return PLIANT_OK;
 }
 
-/* ---- the way, in axes that turn with the tissue */
+/* ---- The motion, in axes that rotate with the tissue. */
 
 static pliant_status go(const opening *work, double share)
 {
@@ -438,7 +439,7 @@ static pliant_status go(const opening *work, double share)
     return gpu->in_use.rough ? PLIANT_OK : pliant_cuda_rotate(&gpu->system, &gpu->iteration, false, gpu->stream);
 }
 
-/* How fast the potential energy falls along the way where it has led to. */
+/* Compute the decrease of the potential energy along the step at its present end. */
 static pliant_status find_slope(const opening *work, double *slope)
 {
     const pliant_cuda_solver *gpu = work->gpu;
@@ -458,7 +459,7 @@ static pliant_status find_slope(const opening *work, double *slope)
     return PLIANT_OK;
 }
 
-/* As take_step of opened.c; the state before goes to the other buffer. */
+/* Take the step as take_step in opened.c. The state before it goes to the other buffer. */
 static pliant_status take_step(const opening *work)
 {
     pliant_cuda_solver *gpu = work->gpu;
@@ -522,7 +523,7 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
     if (!regular) return PLIANT_OK;
     CUDA_TRY(begin(&work, &led));
     if (!std::isfinite(work.norm) || !(work.norm > 0)) return PLIANT_OK;
-    /* how far the body is from rest is not known on this side yet: it counts as hardly moved */
+    /* the body's displacement is unknown on the host here, so the smallest one is used */
     if (pliant_opened_is_settled(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement)) return PLIANT_OK;
     CUDA_TRY(find_step(&work, led, &products));
     *evaluations = 1 + products;

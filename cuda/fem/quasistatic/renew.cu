@@ -1,7 +1,8 @@
-/* A preconditioner made in the background, as src/fem/quasistatic/refresh.c makes factors: begun in one step, put to
- * use a fixed number of steps later or as background.h says. What is being made for a body when the next one comes
- * becomes the base of what is carried over. These are of rest. One of the state of now is made amid a step, which waits
- * for it; where it serves badly later, one of rest follows. */
+/* A preconditioner computed in the background, like the factors in src/fem/quasistatic/refresh.c. It is started in
+ * one step and installed a fixed number of steps later, or as in background.h. After a cut, work still in progress
+ * becomes the base of the carried preconditioner. Background preconditioners belong to the rest state. A
+ * preconditioner of the present state is computed during a step, which waits for it. If that one converges slowly
+ * later, one at rest follows. */
 #include "base/account.h"
 #include "base/fail.h"
 #include "base/room.h"
@@ -21,22 +22,23 @@
 
 struct gpu_renewal {
     pthread_t thread;
-    bool running, in_thread;          /* in_thread: false: no thread could be had */
+    bool running, in_thread;          /* in_thread: false: the thread could not be created */
     std::atomic<bool> finished;
-    pliant_account *account;          /* of the simulation that it works for */
+    pliant_account *account;          /* account of the simulation */
     uint64_t started, due;            /* steps */
     int device;
     pliant_preconditioner_choice choice;
-    cudaStream_t stream;              /* lets that of the steps go first */
-    cudaMemPool_t pool;               /* Nullable: of all that is made here */
-    const pliant_discretization *of;  /* Nullable: retained: what it is made for */
-    int32_t *source;                  /* (nodes of the solved mesh) node of that one's mesh, -1: none; NULL: they are the same */
-    gpu_preconditioner made;          /* nothing but a base */
+    cudaStream_t stream;              /* lower priority than the steps' stream */
+    cudaMemPool_t pool;               /* Nullable: memory pool of everything allocated here */
+    const pliant_discretization *of;  /* Nullable: retained: discretization of the result */
+    /* (nodes of the solved mesh) node of that discretization's mesh, -1: none; NULL: the meshes are equal. */
+    int32_t *source;
+    gpu_preconditioner made;          /* contains only a base */
     gpu_preconditioner discarded;     /* freed by the thread */
     pliant_status status;
 };
 
-/* In the thread. No other one looks at the pattern before this one has ended. */
+/* Compute the preconditioner, in the thread. No other thread reads the pattern until it has finished. */
 static pliant_status make(gpu_renewal *renewal)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(renewal->device)));
@@ -48,7 +50,7 @@ static pliant_status make(gpu_renewal *renewal)
     }
     pliant_cuda_background_pool(renewal->pool, renewal->stream);
     pliant_cuda_preconditioner_free(&renewal->discarded);
-    pliant_cuda_preconditioner_free(&renewal->made); /* of one that failed */
+    pliant_cuda_preconditioner_free(&renewal->made); /* left by a failed attempt */
     CUDA_TRY(pliant_system_find_pattern(renewal->of->system));
     pliant_system system = *renewal->of->system;
     system.num_threads = 1;
@@ -98,7 +100,7 @@ static pliant_status start(pliant_cuda_solver *gpu, const pliant_solver *solver,
     renewal->choice = gpu->choice;
     renewal->of = pliant_discretization_retain(solver->system->of);
     renewal->started = step;
-    renewal->due = step + 2 * (uint64_t)solver->refresh_delay; /* as the CPU's first factor of a body */
+    renewal->due = step + 2 * (uint64_t)solver->refresh_delay; /* as the CPU's first factor after a cut */
     renewal->account = pliant_account_in_use();
     renewal->running = true;
     renewal->finished = false;
@@ -124,7 +126,8 @@ static void exchange_bases(gpu_preconditioner *a, gpu_preconditioner *b)
     b->bytes = other.bytes;
 }
 
-/* of a body before: false: too much has been opened since */
+/* Install a preconditioner from before a cut as the base. possible: out: false: the cut has opened too much tissue
+ * since. */
 static pliant_status put_below(pliant_cuda_solver *gpu, const pliant_system *system, bool *possible)
 {
     const gpu_renewal *renewal = gpu->renewal;
@@ -168,12 +171,13 @@ extern "C" pliant_status pliant_cuda_renewal_step(pliant_cuda_solver *gpu, const
     const gpu_renewal *renewal = gpu->renewal;
     if (renewal && renewal->running && pliant_background_arrives(solver->background, solver->takes_factor, renewal->finished, statistics->step >= renewal->due))
         CUDA_TRY(deliver(gpu, solver, statistics, renewed));
-    const bool again = gpu->fresh; /* nodes were put back: what serves badly has only begun to be of use, and the next one of the state would wait for one of rest */
+    const bool again = gpu->fresh; /* after restored positions, a slow preconditioner may become good again, and the
+                                    * next one of the state would wait for one at rest */
     const bool wanted = gpu->preconditioner.carried.base_free > 0 || (gpu->of_state && gpu->in_use.served_badly && !again);
     return wanted && !(renewal && renewal->running) ? start(gpu, solver, statistics->step) : PLIANT_OK;
 }
 
-/* ---- at once */
+/* ---- Immediate creation. */
 
 extern "C" pliant_status pliant_cuda_preconditioner_make(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, gpu_preconditioner *out)
 {
@@ -193,7 +197,7 @@ extern "C" pliant_status pliant_cuda_preconditioner_time(pliant_cuda_solver *gpu
     return status == PLIANT_ERROR_UNAVAILABLE ? pliant_fail(status, "the GPU failed as a preconditioner was made") : PLIANT_OK;
 }
 
-/* What is under way is of no use any more. */
+/* Discard the background work. */
 static void stop(pliant_cuda_solver *gpu)
 {
     gpu_renewal *renewal = gpu->renewal;
@@ -202,8 +206,8 @@ static void stop(pliant_cuda_solver *gpu)
     forget_body(renewal);
 }
 
-/* In place of the one at hand, of the same body or carried over to it. at: Nullable. Where none can be made, the old
- * one stays. */
+/* Replace the present or carried preconditioner immediately. at: Nullable. If no preconditioner can be computed, the
+ * old one stays. */
 static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solver, const gpu_state_made_at *at, bool *made)
 {
     gpu_preconditioner other = {};
@@ -224,7 +228,7 @@ static pliant_status make_now(pliant_cuda_solver *gpu, const pliant_solver *solv
     return pliant_cuda_solver_record(gpu);
 }
 
-/* The present state, where the step has led, with axes that are of it. Both arrays are of pliant_calloc. */
+/* Copy the present state of the step to the host, with matching axes. Both arrays are allocated with pliant_calloc. */
 static pliant_status download_state(pliant_cuda_solver *gpu, double *x, double *axes)
 {
     const gpu_iteration *it = &gpu->iteration;

@@ -1,10 +1,10 @@
-/* What the solver keeps on the GPU for its iteration, sized by what is solved. */
+/* Allocates the arrays of the GPU solver's iteration for the size of the system. */
 #include "cuda/fem/quasistatic/anderson.h"
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
 #include "cuda/fem/quasistatic/solver.h"
 
-struct sized_array { void **d_block; size_t bytes; bool zeroed; }; /* zeroed: also where the block is kept */
+struct sized_array { void **d_block; size_t bytes; bool zeroed; }; /* zeroed: also if the block is reused */
 
 template <class T> static sized_array array_of(T **d_block, size_t count, bool zeroed = false)
 {

@@ -12,7 +12,7 @@
 #include <cstddef>
 #include <cstring>
 
-/* a hold that the GPU knows, whose response was not asked for */
+/* A hold that the GPU has, without a computed response. */
 static const uint64_t no_response = UINT64_MAX;
 
 static pliant_status fill(pliant_cuda_solver *gpu, const pliant_solver *solver)
@@ -97,7 +97,7 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
     CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_state, 0, sizeof(gpu_state), gpu->stream)));
     CUDA_TRY(pliant_cuda_rotate(&gpu->system, &gpu->iteration, true, gpu->stream));
     pliant_in_use_turned(&gpu->in_use);
-    gpu->in_use.turned = false; /* back to those of rest */
+    gpu->in_use.turned = false; /* restored to the rest axes */
     gpu->in_use.turned_at = 0;
     CUDA_TRY(pliant_cuda_solver_begin(gpu, solver));
     return CUDA_CALL(cudaStreamSynchronize(gpu->stream));
@@ -106,11 +106,11 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
 extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    gpu->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* as pliant_solver_moved: the axes turn at once */
+    gpu->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* as pliant_solver_moved: the axes rotate in the next step */
     return pliant_cuda_solver_begin(gpu, solver);
 }
 
-/* ---- in a step */
+/* ---- In a step. */
 
 static pliant_status send_load(pliant_cuda_solver *gpu, const pliant_solver *solver, const double gravity[3])
 {
@@ -131,7 +131,7 @@ template <class T> static pliant_status ensure(const pliant_cuda_solver *gpu, si
     return CUDA_CALL(cudaMemsetAsync(d_block, 0, *room, gpu->stream));
 }
 
-/* W of a tool that took hold */
+/* Send W of a tool that has grasped. */
 static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *handle, gpu_tool_arrays *arrays)
 {
     const size_t most = (size_t)gpu->system.num_free, count = (size_t)handle->count;
@@ -142,8 +142,8 @@ static pliant_status send_hold(pliant_cuda_solver *gpu, const pliant_handle *han
     return CUDA_CALL(cudaMemcpyAsync(arrays->d_block, handle->block, 9 * count * sizeof(double), cudaMemcpyHostToDevice, gpu->stream));
 }
 
-/* What the tools do in this step; the responses of those that took hold or that the preconditioner left behind:
- * *responded, and what it gave is lost. */
+/* Send the tools' inputs of this step, and compute responses for new holds and after a change of the preconditioner.
+ * responded: out: responses were computed, so the preconditioner's last result is overwritten. */
 static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, gpu_step *step, bool *responded)
 {
     bool fresh = false;
@@ -173,7 +173,7 @@ static pliant_status send_tools(pliant_cuda_solver *gpu, pliant_solver *solver, 
         *responded = true;
         handle->response_of = gpu->in_use.number;
     }
-    /* nodes that were held before keep no force */
+    /* Nodes that are not held any more must have no force. */
     if (fresh || !solver->asked.kept)
         CUDA_TRY(CUDA_CALL(cudaMemsetAsync(gpu->iteration.d_extra, 0, 3 * (size_t)gpu->system.num_free * sizeof(double), gpu->stream)));
     return PLIANT_OK;
@@ -192,7 +192,7 @@ static pliant_status turn(pliant_cuda_solver *gpu, const pliant_solver *solver, 
     return PLIANT_OK;
 }
 
-/* What a cut led to was no good, but its axes have served until now. */
+/* Restore the axes after the Newton step of a cut was rejected. They were used until here. */
 static pliant_status turn_back(pliant_cuda_solver *gpu, pliant_solver *solver)
 {
     if (gpu->in_use.rough) return PLIANT_OK;
@@ -205,8 +205,11 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
 {
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_solver_evaluate_first(gpu, step->known == PLIANT_KNOWN_STEP));
-    const int32_t most = step->most_evaluations + 4; /* one to look back at the state before a blind step, a descent, the body at rest, the end or the trial in its place */
-    int32_t ahead = gpu->last_launches; /* a step takes about as many as the last one; those too many do nothing */
+    /* Includes one evaluation each of: the state before a blind step, a descent, the rest state, and the step's end or
+     * the trial that replaces it. */
+    const int32_t most = step->most_evaluations + 4;
+    int32_t ahead = gpu->last_launches; /* a step needs about as many as the last one; superfluous launches do
+                                         * nothing */
     for (int32_t spent = 1; spent < most; ahead = 2) {
         for (int32_t n = 1; n < ahead && spent < most; n++, spent++) CUDA_TRY(CUDA_CALL(cudaGraphLaunch(gpu->evaluation, gpu->stream)));
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream)));
@@ -216,8 +219,8 @@ static pliant_status run(pliant_cuda_solver *gpu, const gpu_step *step)
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
 }
 
-/* What the host's limits say of it, and what is known of its first state. opened: out: evaluations before it, of the
- * step after a cut */
+/* Set the step's inputs from the host's limits and the known quantities of the first state. opened: out: evaluations of
+ * the Newton step after a cut. */
 static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics, bool renewed, gpu_step *step,
                              int32_t *opened)
 {
@@ -228,7 +231,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     CUDA_TRY(send_tools(gpu, solver, step, &responded));
     step->limit = pliant_solver_limit(solver);
     CUDA_TRY(pliant_cuda_solver_open(gpu, solver, step, opened));
-    if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces are others, and axes */
+    if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces and axes have changed */
     const pliant_anderson *limits = &solver->rules;
     step->most_evaluations = *opened > 0 ? pliant_solver_open_evaluations(solver, &step->limit, PLIANT_CUDA_OPEN_PART) - *opened : limits->most_evaluations;
     step->depth = limits->depth;
@@ -249,7 +252,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     return PLIANT_OK;
 }
 
-/* what the last step that had something to do came to */
+/* Report the result of the last step that did work. */
 static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
 {
     const gpu_state *state = gpu->h_state;
@@ -258,16 +261,16 @@ static void tell(const pliant_cuda_solver *gpu, pliant_statistics *statistics)
     statistics->error = state->rules.error;
 }
 
-/* Evaluations of a step so far, and what its first ones say of the one before. */
+/* Number of evaluations of a step so far, and its first estimate of the previous step's error. */
 struct step_so_far {
-    int32_t opened;            /* of the step after a cut, before the others */
+    int32_t opened;            /* of the Newton step after a cut, before the others */
     int32_t solved, iterations;
     double error_before;
     double start;              /* [s] */
-    double seconds;            /* that evaluations took */
+    double seconds;            /* duration of the evaluations */
 };
 
-/* What evaluations have led to: the tools' forces, and how many there were. */
+/* Record the result of evaluations: the tools' forces, and the number of evaluations. */
 static void note(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step, pliant_statistics *statistics, step_so_far *so_far)
 {
     const gpu_state *state = gpu->h_state;
@@ -323,7 +326,8 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     return rules->converged ? PLIANT_OK : PLIANT_NOT_CONVERGED;
 }
 
-/* On an error the host goes on from the state before: with its forces, and its own step after a cut. */
+/* After an error, restore the tools' forces and the flag of the step after a cut. The host continues from the state
+ * before. */
 extern "C" pliant_status pliant_cuda_solver_step(pliant_cuda_solver *gpu, pliant_solver *solver, const double gravity[3], pliant_statistics *statistics)
 {
     const bool opened = solver->opened;

@@ -50,7 +50,7 @@ static pliant_status set_size(gpu_touches *touches, int32_t num_free)
     return touches->num_free == num_free ? PLIANT_OK : pliant_fail_memory("contact");
 }
 
-/* unknowns that points move, in their order */
+/* List the unknowns of the points, in the order of their first use. */
 static int32_t find_touched(const pliant_touches *from, gpu_touches *touches)
 {
     int32_t count = 0;
@@ -62,7 +62,7 @@ static int32_t find_touched(const pliant_touches *from, gpu_touches *touches)
     return count;
 }
 
-/* A block that is filled here and seen there: each array after the other. */
+/* A block that is filled on the host and read on the device: arrays one after the other. */
 struct packing { char *h, *d; };
 
 template <class T> static T *pack(packing *at, size_t count, T **d_out)
@@ -81,7 +81,7 @@ template <class T> static void pack(packing *at, const T *from, size_t count, co
     *d_out = d_there;
 }
 
-/* What points have of pieces: bytes of it, and it. */
+/* Return the size of the pieces' data, and pack it. */
 static size_t bytes_of_pieces(const pliant_touches *from)
 {
     const size_t points = (size_t)from->count, moving = (size_t)from->num_moving;
@@ -103,7 +103,7 @@ static void pack_pieces(packing *at, const pliant_touches *from, gpu_touch_view 
     view->d_piece = d_piece;
 }
 
-/* by slots: which weights each has */
+/* Pack the weights sorted by slots. */
 static void pack_slots(packing *at, const pliant_touches *from, gpu_touches *touches, int32_t slots)
 {
     gpu_touch_view *view = &touches->view;
@@ -125,7 +125,7 @@ static void pack_slots(packing *at, const pliant_touches *from, gpu_touches *tou
     view->d_weight = d_weight;
 }
 
-/* the points of the step, to the GPU */
+/* Send the points of the step to the GPU. */
 static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *from, int32_t slots)
 {
     gpu_touches *touches = &gpu->touches;
@@ -134,7 +134,8 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     const size_t bytes = (18 * points + 9 * weights + points + (size_t)view->num_springs) * sizeof(double) + (points + 1 + 4 * weights + 3 * count + 1) * sizeof(int32_t) + bytes_of_pieces(from);
     CUDA_TRY(make_block(touches, TOUCH_GOES_UP, bytes, bytes));
     packing at = {static_cast<char *>(touches->h_block[TOUCH_GOES_UP]), static_cast<char *>(touches->d_block[TOUCH_GOES_UP])};
-    memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double)); /* these two come back together */
+    /* These two are copied back together. */
+    memcpy(pack(&at, 3 * points, &view->d_force), from->taken.force, 3 * points * sizeof(double));
     memcpy(pack(&at, 3 * points, &view->d_taken_motion), from->taken.motion, 3 * points * sizeof(double));
     pack(&at, from->friction, points + (size_t)view->num_springs, &view->d_friction);
     pack(&at, from->frame, 9 * points, &view->d_frame);
@@ -149,7 +150,7 @@ static pliant_status send_points(pliant_cuda_solver *gpu, const pliant_touches *
     return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_GOES_UP], touches->h_block[TOUCH_GOES_UP], bytes, cudaMemcpyHostToDevice, gpu->stream));
 }
 
-/* what the GPU works out, and what comes back of it: motions, then A */
+/* Allocate work arrays, and the arrays that are copied back: motions, then A. */
 static pliant_status make_work(gpu_touches *touches, int32_t slots, int32_t pieces)
 {
     gpu_touch_view *view = &touches->view;
@@ -171,7 +172,8 @@ static pliant_status make_work(gpu_touches *touches, int32_t slots, int32_t piec
 
 static pliant_status send_view(gpu_touches *touches, cudaStream_t stream)
 {
-    CUDA_TRY(make_block(touches, TOUCH_VIEW, sizeof touches->view, sizeof touches->view)); /* it stays where it is: a graph knows of it */
+    /* At a fixed address, since a graph refers to it. */
+    CUDA_TRY(make_block(touches, TOUCH_VIEW, sizeof touches->view, sizeof touches->view));
     if (touches->shared_room == 0) CUDA_TRY(pliant_cuda_touch_cones_room(&touches->shared_room));
     memcpy(touches->h_block[TOUCH_VIEW], &touches->view, sizeof touches->view);
     return CUDA_CALL(cudaMemcpyAsync(touches->d_block[TOUCH_VIEW], touches->h_block[TOUCH_VIEW], sizeof touches->view, cudaMemcpyHostToDevice, stream));
@@ -202,7 +204,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver)
     return status;
 }
 
-/* Forces from what was measured, by the host: cones.h. Where a state is none, they stay. */
+/* Compute the forces from the measured motions on the host: cones.h. For an invalid state the forces stay unchanged. */
 static pliant_status find_forces(pliant_cuda_solver *gpu, pliant_touches *from)
 {
     gpu_touches *touches = &gpu->touches;
@@ -232,8 +234,8 @@ static pliant_status download_state(const pliant_cuda_solver *gpu)
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_state, gpu->iteration.d_state, offsetof(gpu_state, rows), cudaMemcpyDeviceToHost, gpu->stream));
 }
 
-/* The forces of an evaluation are found here while the GPU waits; whether it is taken, and what comes next, is told
- * there, and seen with what the next one measures. */
+/* Run evaluations while the host computes the contact forces and the GPU waits. The GPU decides whether a state is
+ * accepted; the host reads that with the next measurement. */
 static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
 {
     gpu_touches *touches = &gpu->touches;
@@ -255,20 +257,21 @@ static pliant_status run_with_host(pliant_cuda_solver *gpu, pliant_solver *solve
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: the solver did not come to an end");
 }
 
-/* What of the points comes back: forces and motions of the state of the step, where it has led them. */
+/* Copy back forces and motions of the step's final state. */
 static pliant_status download(pliant_cuda_solver *gpu)
 {
     gpu_touches *touches = &gpu->touches;
     const gpu_touch_view *view = &touches->view;
     const size_t bytes = 3 * (size_t)view->count * sizeof(double);
-    CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream)); /* of the last evaluation */
+    /* Applies the last evaluation. */
+    CUDA_TRY(pliant_cuda_touch_load(static_cast<const gpu_touch_view *>(touches->d_block[TOUCH_VIEW]), &gpu->iteration, gpu->stream));
     CUDA_TRY(pliant_cuda_touch_measure(view, &gpu->iteration, gpu->stream));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_STAYS], view->d_motion, bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(touches->h_block[TOUCH_AT_EVALUATIONS], view->d_force, 2 * bytes, cudaMemcpyDeviceToHost, gpu->stream)));
     return download_state(gpu);
 }
 
-/* A step takes about as many evaluations as the last one; those too many do nothing. */
+/* Run evaluations on the GPU alone. A step needs about as many as the last one; superfluous launches do nothing. */
 static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, int32_t most)
 {
     const size_t numbers = 3 * (size_t)gpu->touches.view.count;
@@ -288,7 +291,7 @@ static pliant_status run_on_gpu(pliant_cuda_solver *gpu, pliant_solver *solver, 
 extern "C" pliant_status pliant_cuda_touches_run(pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step)
 {
     const gpu_touch_view *view = &gpu->touches.view;
-    const int32_t most = step->most_evaluations + 4; /* as of a step without contact */
+    const int32_t most = step->most_evaluations + 4; /* as in a step without contact */
     CUDA_TRY(prepare(gpu, solver));
     CUDA_TRY(pliant_cuda_begin(&gpu->iteration, step, gpu->stream));
     CUDA_TRY(pliant_cuda_touch_begin(view, &gpu->iteration, gpu->stream));

@@ -1,6 +1,6 @@
-/* Contact in the quasi-static solve on the GPU, by the rules of src/fem/quasistatic/contact.h. The host says where
- * points are. One block finds their forces (cone_rules.h), and evaluations follow each other without the host; those of
- * more points than that takes are found by the host, while the GPU waits. */
+/* Contact in the quasi-static solve on the GPU, with the rules of src/fem/quasistatic/contact.h. The host detects the
+ * contact points. One block computes their forces (cone_rules.h), so evaluations run without the host. If there are too
+ * many points for one block, the host computes the forces while the GPU waits. */
 #ifndef PLIANT_CUDA_TOUCH_H
 #define PLIANT_CUDA_TOUCH_H
 
@@ -11,28 +11,28 @@
 extern "C" {
 #endif
 
-/* Points of a step, as kernels see them. */
+/* The contact points of a step, as kernels read them. */
 typedef struct gpu_touch_view {
     int32_t count, num_weights, num_slots, num_springs; /* slots: unknowns that points move */
-    int32_t spring[PLIANT_MAX_TOOLS]; /* tools that pull by springs, in A after the points */
+    int32_t spring[PLIANT_MAX_TOOLS]; /* tools with springs; in A, they follow the points */
     const double *d_frame, *d_goal, *d_block; /* struct pliant_touches */
     const double *d_friction;  /* (count + num_springs) */
-    double *d_force, *d_taken_motion; /* (3 count) of the state of the step: struct pliant_touch_forces */
+    double *d_force, *d_taken_motion; /* (3 count) of the present state: struct pliant_touch_forces */
     const int32_t *d_start, *d_unknown;
-    const int32_t *d_place, *d_point; /* (num_weights) slot; point */
-    const int32_t *d_touched, *d_first; /* (num_slots) unknown; the first of its columns */
-    const int32_t *d_weight_start, *d_weight; /* (num_slots + 1): the weights of each */
-    int32_t num_moving;        /* pieces that points are of; 0: none, and no arms */
+    const int32_t *d_place, *d_point; /* (num_weights) slot, and point */
+    const int32_t *d_touched, *d_first; /* (num_slots) unknown, and the first of its columns */
+    const int32_t *d_weight_start, *d_weight; /* (num_slots + 1): weights of each slot */
+    int32_t num_moving;        /* number of pieces in contact; 0: no arms */
     const int32_t *d_arm_start; /* (count + 1) */
     const pliant_touch_arm *d_arm;
     const pliant_touch_piece *d_piece; /* (num_moving) */
-    const double *d_gives;     /* (count) how points of them give way [m/N] */
-    double *d_piece_moved;     /* (6 num_moving) by the forces of the state of the step */
+    const double *d_gives;     /* (count) compliance of the pieces at the points [m/N] */
+    double *d_piece_moved;     /* (6 num_moving) motion under the forces of the present state */
     double *d_turned;          /* (9 num_weights) */
     double *d_pull;            /* (3 num_slots) W' dl, in the nodes' axes */
-    double *d_change, *d_found, *d_found_motion; /* (3 count) dl; of what was evaluated last, likewise */
+    double *d_change, *d_found, *d_found_motion; /* (3 count) dl; forces and motion of the last evaluated state */
     double *d_motion, *d_matrix; /* rows: 3 (count + num_springs); A */
-    double *d_equations;       /* room for what shared memory does not hold */
+    double *d_equations;       /* work array for data that exceeds shared memory */
     const float *d_column;
     size_t stride;
 } gpu_touch_view;
@@ -42,8 +42,8 @@ enum { TOUCH_GOES_UP, TOUCH_STAYS, TOUCH_AT_EVALUATIONS, TOUCH_VIEW, TOUCH_BLOCK
 typedef struct gpu_touches {
     gpu_answers answers;
     gpu_touch_view view;
-    int32_t shared_room;       /* bytes of shared memory that a block may have; 0: not asked for yet */
-    void *d_block[TOUCH_BLOCKS], *h_block[TOUCH_BLOCKS]; /* page-locked; of what stays, what comes back */
+    int32_t shared_room;       /* shared memory available to a block [bytes]; 0: unknown yet */
+    void *d_block[TOUCH_BLOCKS], *h_block[TOUCH_BLOCKS]; /* page-locked; contents: persistent data, and results */
     size_t d_room[TOUCH_BLOCKS], h_room[TOUCH_BLOCKS];   /* bytes */
     int32_t num_free, *place;  /* (num_free) slot, or -1 */
     int32_t *touched;          /* (num_free) */
@@ -52,10 +52,10 @@ typedef struct gpu_touches {
 struct pliant_cuda_solver;
 
 void pliant_cuda_touches_free(gpu_touches *touches);
-/* A step's evaluations with the points of solver->touches, one of which there is at least: as those without
+/* Run a step's evaluations with the points of solver->touches, at least one. Otherwise like a step without contact
  * (solve.cu). */
 pliant_status pliant_cuda_touches_run(struct pliant_cuda_solver *gpu, pliant_solver *solver, const gpu_step *step);
-/* Where it has led the points (pliant_touches_tell). */
+/* Return the final motion of the points (pliant_touches_tell). */
 const double *pliant_cuda_touches_moved(const gpu_touches *touches);
 
 #ifdef __cplusplus

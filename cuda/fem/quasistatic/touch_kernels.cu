@@ -6,9 +6,9 @@
 
 enum { CONE_THREADS = 512, COPIES = 8, THREADS = 128, ONE_BLOCK = 256, PAIRS = 16, LANES_OF_STEP = 32, GROUPS = 8 };
 
-/* ---- as a step begins */
+/* ---- Start of a step. */
 
-/* rows of the frame times the block, in the axes of all */
+/* Compute rows of the frame times the block, in world axes. */
 static __device__ __forceinline__ void rows_of(const gpu_touch_view &view, int w, double rows[9])
 {
     const double *frame = view.d_frame + 9 * (size_t)view.d_point[w], *block = view.d_block + 9 * (size_t)w;
@@ -27,7 +27,7 @@ static __global__ void __launch_bounds__(THREADS) turn_kernel(gpu_touch_view vie
         for (int c = 0; c < 3; c++) out[3 * r + c] = turn[c] * rows[3 * r] + turn[3 + c] * rows[3 * r + 1] + turn[6 + c] * rows[3 * r + 2];
 }
 
-/* block of A += of the pieces that two points are of (contact_pieces.c) */
+/* Add the pieces' contribution to a block of A for two points (contact_pieces.c). */
 static __device__ void answer_pieces(const gpu_touch_view &view, int a, int b, double out[9])
 {
     for (int i = view.d_arm_start[a]; i < view.d_arm_start[a + 1]; i++)
@@ -37,7 +37,7 @@ static __device__ void answer_pieces(const gpu_touch_view &view, int a, int b, d
     for (int d = 0; a == b && d < 3; d++) out[4 * d] += view.d_gives[a];
 }
 
-/* A thread a pair of points: their block of A and its transpose. */
+/* Compute A, one thread per pair of points: their block and its transpose. */
 static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_view view)
 {
     const int a = (int)(blockIdx.y * PAIRS + threadIdx.y), b = (int)(blockIdx.x * PAIRS + threadIdx.x);
@@ -45,7 +45,7 @@ static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_
     if (a >= view.count || b > a) return;
     double out[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
     for (int v = view.d_start[a]; v < view.d_start[a + 1]; v++) {
-        double moved[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}; /* of the unknown of v, by unit forces at b */
+        double moved[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}; /* displacement of the unknown of v per unit force at b */
         const double *by = view.d_turned + 9 * (size_t)v;
         for (int w = view.d_start[b]; w < view.d_start[b + 1]; w++) {
             const double *block = view.d_turned + 9 * (size_t)w;
@@ -68,7 +68,7 @@ static __global__ void __launch_bounds__(PAIRS * PAIRS) matrix_kernel(gpu_touch_
         }
 }
 
-/* A thread a number of the springs' columns: W Z of points and of what springs hold, and c. */
+/* Compute the springs' columns, one thread per number: W Z of points and of held nodes, and c. */
 static __global__ void __launch_bounds__(ONE_BLOCK) spring_kernel(gpu_touch_view view, gpu_iteration iteration)
 {
     const gpu_tool *tools = iteration.d_state->step.tools;
