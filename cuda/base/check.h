@@ -1,5 +1,5 @@
-/* Every call of the CUDA runtime goes through CUDA_CALL: its error becomes a pliant_status with a message, and tests
- * can make any one of them fail. */
+/* Error handling of CUDA runtime calls. CUDA_CALL converts an error to a pliant_status with a message. Tests can make
+ * any call fail. */
 #ifndef PLIANT_CUDA_CHECK_H
 #define PLIANT_CUDA_CHECK_H
 
@@ -11,47 +11,50 @@
 extern "C" {
 #endif
 
-/* MEMORY when the device has no room, UNAVAILABLE for all else: the device or its driver is gone or broken. */
+/* Convert an error: MEMORY if the device is out of memory, otherwise UNAVAILABLE (device or driver missing or
+ * broken). */
 pliant_status pliant_cuda_status(cudaError_t error, const char *what);
 
-/* For tests: the call after the next `calls` ones fails, once, as if the device were lost. Negative: none (the
- * default). Returns what was left of those that were asked for before: negative: one has failed, or none was to. */
+/* For tests: after `calls` further calls, make one call fail as if the device were lost. Negative: no failure (the
+ * default). Return the remaining count of the previous request; negative: its call has failed, or there was no
+ * request. */
 int64_t pliant_cuda_fail_after(int64_t calls);
 bool pliant_cuda_fails_now(void);
 
 #define CUDA_CALL(call) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : (call), #call)
-/* after a kernel launch */
+/* Check a kernel launch. */
 #define CUDA_LAUNCHED(kernel) pliant_cuda_status(pliant_cuda_fails_now() ? cudaErrorUnknown : cudaGetLastError(), kernel)
-/* leave the function on the first failure; whoever owns the half-made object frees it */
+/* Return from the function at the first failure. The caller frees partially created objects. */
 #define CUDA_TRY(status)                                                                                               \
     do {                                                                                                               \
         pliant_status cuda_try_status = (status);                                                                      \
         if (cuda_try_status != PLIANT_OK) return cuda_try_status;                                                      \
     } while (0)
 
-/* Device memory, not zeroed; *out is untouched on failure. what: for the message. Errors: MEMORY, with figures. */
+/* Allocate device memory, not zeroed. After a failure *out is unchanged. what: for the message. Errors: MEMORY, with
+ * figures. */
 pliant_status pliant_cuda_allocate(size_t bytes, const char *what, void **out);
-/* Room for so many bytes at *d_block, which has *room of them: where they are too few, another block takes its place,
- * with nothing in it; grows: larger by a quarter than asked for. */
+/* Ensure a capacity of `bytes` at *d_block, whose present capacity is `*room`. A block that is too small is replaced by
+ * a new one with undefined content. grows: allocate a quarter more than requested. */
 pliant_status pliant_cuda_ensure(size_t bytes, bool grows, const char *what, void **d_block, size_t *room);
-/* Page-locked host memory, zeroed. */
+/* Allocate page-locked host memory, zeroed. */
 pliant_status pliant_cuda_allocate_host(size_t bytes, const char *what, void **out);
-/* The pages of a block of the host (pliant_pages), before it is freed to be unlocked; false: they are not, and copies
- * are slower, no more. */
+/* Lock the pages of a host block (pliant_pages); unlock them before the block is freed. Return false if this fails;
+ * copies are then only slower. */
 bool pliant_cuda_lock_pages(void *h_block, size_t bytes);
 void pliant_cuda_unlock_pages(void *h_block);
 void pliant_cuda_release(void *d_block);      /* Nullable */
 void pliant_cuda_release_host(void *h_block); /* Nullable */
-/* A thread that works on the device while steps go on, from and to here: what others give back in between is kept until
- * it ends, since the device gives back nothing before it has done all that it was given. What it takes and gives back
- * itself is of a pool, in the order of its stream, from then on; pool: NULL: as others do. */
+/* Mark a thread that uses the device in the background (from begin to end). Memory that other threads free in between
+ * is released only at its end, because cudaFree waits for all device work. After pliant_cuda_background_pool, the
+ * thread allocates and frees memory of the pool, in the order of its stream. pool: NULL: ordinary memory. */
 void pliant_cuda_background_begin(void);
 void pliant_cuda_background_pool(cudaMemPool_t pool, cudaStream_t stream);
 void pliant_cuda_background_end(void);
-/* A pool on a device that keeps what is given back to it until it is destroyed; NULL: there is none. */
+/* Create a memory pool that keeps freed memory until it is destroyed. NULL: pools are not available. */
 cudaMemPool_t pliant_cuda_pool_create(int device);
 void pliant_cuda_pool_destroy(cudaMemPool_t pool); /* Nullable */
-/* Allocate, and copy from the host before it returns. */
+/* Allocate device memory and copy to it from the host. The copy is complete on return. */
 pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, const char *what, cudaStream_t stream, void **out);
 
 #ifdef __cplusplus

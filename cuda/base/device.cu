@@ -26,7 +26,7 @@ extern "C" bool pliant_cuda_fails_now(void)
 extern "C" pliant_status pliant_cuda_status(cudaError_t error, const char *what)
 {
     if (error == cudaSuccess) return PLIANT_OK;
-    cudaGetLastError(); /* reported now: the next check shall not report it again */
+    cudaGetLastError(); /* clears the error, so that the next check does not report it again */
     if (error == cudaErrorMemoryAllocation) return pliant_fail(PLIANT_ERROR_MEMORY, "the GPU is out of memory (%s)", what);
     return pliant_fail(PLIANT_ERROR_UNAVAILABLE, "the GPU failed: %s (%s)", cudaGetErrorString(error), what);
 }
@@ -36,14 +36,14 @@ struct retired { void *block; bool of_host; };
 static std::mutex retired_lock;
 static retired *retired_blocks;
 static size_t num_retired, retired_room;
-static int num_background; /* under the lock */
+static int num_background; /* protected by the lock */
 static thread_local bool in_background;
 
-/* ---- taking: CUDA makes others wait for it, too, but for what is of a pool */
+/* ---- Allocation. It blocks other threads as well, except for memory of a pool. */
 
 static thread_local cudaMemPool_t background_pool;
 static thread_local cudaStream_t background_stream;
-static void **pooled; /* (num_pooled) blocks of pools, under the lock */
+static void **pooled; /* (num_pooled) blocks of pools, protected by the lock */
 static size_t num_pooled, pooled_room;
 
 static bool note_pooled(void *block)
@@ -59,7 +59,7 @@ static bool note_pooled(void *block)
     return true;
 }
 
-/* whether it was one of them, which it is no longer */
+/* Remove a block from the list of pool blocks. Return whether it was in the list. */
 static bool forget_pooled(const void *block)
 {
     std::lock_guard<std::mutex> lock(retired_lock);
@@ -94,7 +94,7 @@ extern "C" cudaMemPool_t pliant_cuda_pool_create(int device)
     cudaMemPool_t pool = nullptr;
     cudaMemPoolProps wanted = {};
     int there = 0;
-    uint64_t keeps = (uint64_t)1 << 30; /* what is above that goes back: the rest of the device is others' */
+    uint64_t keeps = (uint64_t)1 << 30; /* memory above this size is returned, since other processes use the device */
     wanted.allocType = cudaMemAllocationTypePinned;
     wanted.location.type = cudaMemLocationTypeDevice;
     wanted.location.id = device;
@@ -154,7 +154,7 @@ extern "C" pliant_status pliant_cuda_allocate_host(size_t bytes, const char *wha
     return PLIANT_OK;
 }
 
-/* A copy from or to a block that shares a page with a locked one would be refused. */
+/* The block must be alone on its pages: CUDA refuses copies of other blocks on a locked page. */
 extern "C" bool pliant_cuda_lock_pages(void *h_block, size_t bytes)
 {
     if (!pliant_has_pages(h_block)) return false;
@@ -168,10 +168,9 @@ extern "C" void pliant_cuda_unlock_pages(void *h_block)
     if (cudaHostUnregister(h_block) != cudaSuccess) cudaGetLastError();
 }
 
-/* ---- giving back: CUDA waits for all that the device is doing, and nobody shall wait for what is done in the
- * background */
+/* ---- Release. cudaFree waits for all work of the device, and no thread may wait for background work. */
 
-/* a device that is lost cannot give back either: nothing to do about it, and no reason to say more */
+/* Free a block. A failure means that the device is lost, which other calls report. */
 static void give_back(const retired &of)
 {
     const bool of_pool = !of.of_host && forget_pooled(of.block);
@@ -245,7 +244,7 @@ extern "C" pliant_status pliant_cuda_upload(const void *h_from, size_t bytes, co
 
 __global__ void probe_kernel(int *out) { *out = 42; }
 
-/* run a kernel there and look at what it wrote */
+/* Run a kernel on the device and check its result. */
 static cudaError_t try_device(int index)
 {
     int *d_answer = nullptr, h_answer = 0;
@@ -266,8 +265,8 @@ static cudaError_t try_device(int index)
     return error;
 }
 
-/* Of the probe before: a simulation and the volume that it draws work on each other's memory, so that all stay on one
- * device as long as it works. */
+/* The device of the last probe. A simulation and its volume use each other's device memory, so all of them stay on one
+ * device while it works. */
 static std::atomic<int> chosen{-1};
 
 extern "C" bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size)

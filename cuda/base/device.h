@@ -1,4 +1,4 @@
-/* Is there a GPU that works, and what is it called? */
+/* Detection of a working GPU. */
 #ifndef PLIANT_CUDA_DEVICE_H
 #define PLIANT_CUDA_DEVICE_H
 
@@ -16,16 +16,17 @@ typedef struct pliant_cuda_device {
     int multiprocessors;
 } pliant_cuda_device;
 
-/* The device with the most free memory that runs a kernel of this build; after that the same one, as long as it does.
- * Says nothing itself: false, and the reason (no driver, no device, no code for it), when there is none. */
+/* Find the device with the most free memory that runs a kernel of this build. Later calls return the same device while
+ * it works. Return false with the reason (no driver, no device, no code for it) if there is no such device. The
+ * function logs nothing. */
 bool pliant_cuda_probe(pliant_cuda_device *out, char *reason, size_t reason_size);
 
-/* The same as a backend's probe, with what it is in text. */
+/* Probe as a backend, and describe the device in text. */
 bool pliant_cuda_text(char *text, size_t size);
-/* Its index. Errors: UNAVAILABLE. */
+/* Return its index. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_current_device(int *out);
 
-/* Sections of a profile (NVTX); names are those of the stages. */
+/* Begin and end a section of a profile (NVTX), named like the stage. */
 void pliant_cuda_section_begin(const char *name);
 void pliant_cuda_section_end(void);
 

@@ -1,11 +1,11 @@
-/* How much comes before a thread, over a block. */
+/* Prefix sum over a block. */
 #ifndef PLIANT_CUDA_SCAN_CUH
 #define PLIANT_CUDA_SCAN_CUH
 
 #include <cstdint>
 
-/* By all threads of a block of so many: the sum of the counts of the threads before; all sums to sums (THREADS), this
- * thread's own included. */
+/* Return the sum of the counts of all preceding threads. Call it from all THREADS threads of a block. sums: (THREADS)
+ * out: sums including each thread's own count. */
 template <int THREADS> static __device__ __forceinline__ int32_t sum_before(int32_t count, int32_t *sums)
 {
     sums[threadIdx.x] = count;

@@ -1,12 +1,12 @@
-/* Arrays of the next body on their way to the GPU, which has those of the body before: what differs is sent. */
+/* Transfer of a changed array to the GPU, which has the array from before the change. Only the differences are sent. */
 #ifndef PLIANT_CUDA_SEND_H
 #define PLIANT_CUDA_SEND_H
 
 #include "base/room.h"
 #include "cuda/base/check.h"
 
-/* d_out has the first bytes of h_before (bytes_before) already, as many as h_now (bytes) has. Both are whole blocks of
- * the library (base/room.h). Errors: UNAVAILABLE. */
+/* Send the differences. d_out holds the first bytes of h_before (bytes_before), limited to the size of h_now (bytes).
+ * Both host arrays are complete blocks of the library (base/room.h). Errors: UNAVAILABLE. */
 static inline pliant_status pliant_cuda_send_differences(const void *h_now, size_t bytes, const void *h_before, size_t bytes_before, void *d_out, cudaStream_t stream)
 {
     const size_t common = bytes < bytes_before ? bytes : bytes_before;

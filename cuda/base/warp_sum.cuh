@@ -1,8 +1,8 @@
-/* Over the lanes of a warp. */
+/* Reductions over the lanes of a warp. */
 #ifndef PLIANT_CUDA_WARP_SUM_CUH
 #define PLIANT_CUDA_WARP_SUM_CUH
 
-/* Sum over a warp, the same in every run; all lanes get it. */
+/* Sum over a warp in a fixed order. All lanes get the result. */
 static __device__ __forceinline__ double warp_sum(double value)
 {
     for (int half = 16; half > 0; half /= 2) value += __shfl_xor_sync(0xffffffff, value, half);

@@ -7,7 +7,7 @@
 
 #include <cmath>
 
-/* what one segmentation holds */
+/* Data of one segmentation. */
 struct segmenting {
     cudaStream_t stream;
     gpu_segment gpu;
@@ -20,7 +20,7 @@ struct segmenting {
     double quantum;
 };
 
-/* Places in one block of memory: sizes are added up first, then handed out. */
+/* Arrays in one block of memory: sizes are added up first, then addresses are assigned. */
 struct arena {
     char *begin;
     size_t used;
@@ -78,7 +78,7 @@ static pliant_status fetch(segmenting *work, void *h_to, const void *d_from, siz
     return CUDA_CALL(cudaStreamSynchronize(work->stream));
 }
 
-/* count_values of src/scan/segment.c */
+/* As count_values of src/scan/segment.c. */
 static pliant_status count_values(segmenting *work, const pliant_volume *scan)
 {
     const gpu_segment *gpu = &work->gpu;
@@ -102,12 +102,12 @@ static pliant_status count_values(segmenting *work, const pliant_volume *scan)
         histogram->count[bin] = 0.25 * (double)work->count[bin];
         histogram->total += histogram->count[bin];
     }
-    /* sums of so many values, whole numbers of this, stay below 2^62 */
+    /* Integer multiples of this quantum, summed over all voxels, stay below 2^62. */
     work->quantum = ldexp(1, ilogb(fmax(fmax(fabs(least), fabs(most)), 1e-30)) + 1 - 30);
     return PLIANT_OK;
 }
 
-/* Specks whose inside is too far from all else for a key are the CPU's. */
+/* Absorb specks on the CPU if some voxels are too deep inside for the keys. */
 static pliant_status absorb_on_cpu(segmenting *work, double least, int32_t count)
 {
     const gpu_segment *gpu = &work->gpu;
@@ -132,7 +132,7 @@ static pliant_status piece_count(segmenting *work, int32_t *out)
     return fetch(work, out, gpu->d_block_count + (gpu->voxels + (int64_t)SEGMENT_NUMBERED - 1) / SEGMENT_NUMBERED, sizeof *out);
 }
 
-/* Pieces, and the small ones' voxels to their neighbours'; where a key was too short for some, all of them by the CPU
+/* Find the pieces and give the voxels of small ones to their neighbours. If a key is too short, the CPU does it
  * instead. */
 static pliant_status absorb(segmenting *work, const pliant_volume *scan, const pliant_segment_options *options, int32_t *count)
 {
@@ -157,7 +157,7 @@ static pliant_status tell(segmenting *work, const pliant_volume *scan, int32_t c
 {
     const gpu_segment *gpu = &work->gpu;
     const size_t pieces = (size_t)count;
-    if (count > UINT16_MAX) return segment_name(&scan->geometry, NULL, count, NULL, out); /* refused */
+    if (count > UINT16_MAX) return segment_name(&scan->geometry, NULL, count, NULL, out); /* returns the error */
     gpu_tally *sums = static_cast<gpu_tally *>(pliant_calloc(pieces, sizeof *sums));
     segment_tally *tallies = static_cast<segment_tally *>(pliant_calloc(pieces, sizeof *tallies));
     uint16_t *label = static_cast<uint16_t *>(pliant_calloc(pieces, sizeof *label));
@@ -215,7 +215,7 @@ static pliant_status segment(const pliant_volume *scan, const pliant_segment_opt
     return status;
 }
 
-/* by name: C++14 has no designated initializers */
+/* Assigned by name, since C++14 has no designated initializers. */
 static constexpr pliant_segment_device table()
 {
     pliant_segment_device made{};

@@ -1,5 +1,5 @@
-/* The mixture, as in src/scan/segment_mixture.c: one block for each trial, four bins a thread, sums in a tree; the host
- * looks only when all numbers of classes are done. */
+/* The mixture, as in src/scan/segment_mixture.c: one block per trial, four bins per thread, sums in a tree. The host
+ * reads the result after all numbers of classes are done. */
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "cuda/scan/segment.h"
@@ -14,7 +14,8 @@ struct mixture { segment_histogram histogram; trial trials[PLIANT_MAX_CLASSES]; 
 
 struct pass_work {
     pliant_segment_class classes[PLIANT_MAX_CLASSES];
-    double level[PLIANT_MAX_CLASSES], inverse[PLIANT_MAX_CLASSES]; /* log of weight over deviation and sqrt(2 pi); 1 / deviation */
+    /* Log of weight / (deviation sqrt(2 pi)); 1 / deviation. */
+    double level[PLIANT_MAX_CLASSES], inverse[PLIANT_MAX_CLASSES];
     double part[WARPS][3 * PLIANT_MAX_CLASSES + 1], sums[3 * PLIANT_MAX_CLASSES + 1];
 };
 
@@ -24,8 +25,8 @@ static __device__ void add_up(double value, int slot, pass_work *work)
     if (threadIdx.x % 32 == 0) work->part[threadIdx.x / 32][slot] = value;
 }
 
-/* What each bin adds to a pass, to work->sums: of every class share, share times distance from the mean, and that times
- * distance; then the log likelihood. counts, values: of this thread's bins. */
+/* Sum the bins' contributions to a pass in work->sums: for every class the share, share times distance from the mean,
+ * and share times squared distance; then the log likelihood. counts, values: of this thread's bins. */
 static __device__ void sum_bins(const double *counts, const double *values, int bins, int classes, pass_work *work)
 {
     double sums[PLIANT_MAX_CLASSES][3] = {}, now = 0;
@@ -72,7 +73,7 @@ static __device__ void sum_bins(const double *counts, const double *values, int 
     __syncthreads();
 }
 
-/* maximize of src/scan/segment_mixture.c, on work->classes */
+/* As maximize of src/scan/segment_mixture.c, on work->classes. */
 static __device__ double maximize(const segment_histogram &histogram, const double *counts, const double *values, int bins, int classes, int passes,
                                   pass_work *work)
 {
@@ -106,7 +107,7 @@ static __device__ double maximize(const segment_histogram &histogram, const doub
 
 static __device__ double value_at(const segment_histogram &histogram, int bin) { return histogram.low + (bin + 0.5) * histogram.width; }
 
-/* a split of each of `count` classes, on the coarse histogram: four bins in one of them */
+/* Try a split of each of `count` classes, on a coarse histogram with four bins combined. */
 __global__ void __launch_bounds__(THREADS) trial_kernel(mixture *d_mixture, int count)
 {
     __shared__ pass_work work;
@@ -129,7 +130,7 @@ __global__ void __launch_bounds__(THREADS) trial_kernel(mixture *d_mixture, int 
     if (threadIdx.x == 0) d_mixture->trials[which].likelihood = likelihood;
 }
 
-/* the best trial to the end, on the fine histogram; of one class, from the middle */
+/* Iterate the best trial to the end on the fine histogram. With one class, start from the middle. */
 __global__ void __launch_bounds__(THREADS) final_kernel(mixture *d_mixture, int count)
 {
     __shared__ pass_work work;

@@ -1,9 +1,9 @@
-/* Neighbours that agree, connected pieces, specks, and what is told of the pieces. */
+/* Neighbour agreement, connected pieces, specks, and the statistics of the pieces. */
 #include "cuda/base/check.h"
 #include "cuda/base/scan.cuh"
 #include "cuda/scan/segment_value.cuh"
 
-/* ---- classes */
+/* ---- Classes. */
 
 __global__ void most_likely_kernel(const gpu_segment segment, int count)
 {
@@ -16,7 +16,7 @@ __global__ void most_likely_kernel(const gpu_segment segment, int count)
     }
 }
 
-/* improve of src/scan/segment.c, for the voxels of one colour of a chessboard */
+/* As improve of src/scan/segment.c, for the voxels of one colour of a chessboard. */
 __global__ void __launch_bounds__(SEGMENT_THREADS) agree_kernel(const gpu_segment segment, int count, float coherence, int colour)
 {
     const int32_t nx = segment.size[0], ny = segment.size[1], nz = segment.size[2], slice = nx * ny;
@@ -55,7 +55,7 @@ extern "C" pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, i
 {
     most_likely_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, count);
     CUDA_TRY(CUDA_LAUNCHED("the classes"));
-    for (int sweep = 0; sweep < SEGMENT_SWEEPS; sweep++) /* when nothing changes any more, the rest changes nothing */
+    for (int sweep = 0; sweep < SEGMENT_SWEEPS; sweep++) /* once a sweep changes nothing, later sweeps change nothing */
         for (int colour = 0; colour < 2; colour++) {
             agree_kernel<<<SEGMENT_BLOCKS, SEGMENT_THREADS, 0, stream>>>(*segment, count, coherence, colour);
             CUDA_TRY(CUDA_LAUNCHED("neighbours that agree"));
@@ -63,8 +63,8 @@ extern "C" pliant_status pliant_cuda_segment_agree(const gpu_segment *segment, i
     return PLIANT_OK;
 }
 
-/* ---- pieces: union and find, in which the lower index becomes the parent (Playne and Hawick 2018); the outcome is the
- * same in any order */
+/* ---- Pieces by union-find, where the lower index becomes the parent (Playne and Hawick 2018). The result does not
+ * depend on the order. */
 
 static __device__ int32_t root_of(int32_t *parent, int32_t v)
 {
@@ -81,12 +81,12 @@ static __device__ void join(int32_t *parent, int32_t a, int32_t b)
         if (a == b) return;
         const int32_t low = min(a, b), high = max(a, b), old = atomicMin(parent + high, low);
         if (old == high) return;
-        a = old; /* another thread gave it a parent first: that one's piece is the same piece */
+        a = old; /* another thread set a parent first; both belong to the same piece */
         b = low;
     }
 }
 
-/* Each voxel begins with the first of its run, as far as that lies in the same 32 voxels. */
+/* Initialize each voxel's parent with the first voxel of its run, within its group of 32 voxels. */
 __global__ void run_kernel(const gpu_segment segment)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x), lane = (int32_t)threadIdx.x % 32;
@@ -107,7 +107,7 @@ __global__ void join_kernel(const gpu_segment segment)
     if (v >= slice && classes[v - slice] == c && !(along && classes[v - slice - 1] == c)) join(segment.d_parent, v, v - slice);
 }
 
-/* roots of every SEGMENT_NUMBERED voxels */
+/* Count the roots in every SEGMENT_NUMBERED voxels. */
 __global__ void __launch_bounds__(SEGMENT_NUMBERED) flatten_kernel(const gpu_segment segment)
 {
     const int32_t v = (int32_t)(blockIdx.x * SEGMENT_NUMBERED + threadIdx.x);
@@ -117,7 +117,7 @@ __global__ void __launch_bounds__(SEGMENT_NUMBERED) flatten_kernel(const gpu_seg
     if (threadIdx.x == 0) segment.d_block_count[blockIdx.x] = count;
 }
 
-/* counts to how many there are before; one block */
+/* Replace counts by exclusive prefix sums, with one block. */
 __global__ void __launch_bounds__(1024) scan_kernel(int32_t *d_count, int32_t blocks)
 {
     __shared__ int32_t sums[1024];
@@ -133,7 +133,7 @@ __global__ void __launch_bounds__(1024) scan_kernel(int32_t *d_count, int32_t bl
     if (threadIdx.x == 1023) d_count[blocks] = sums[1023];
 }
 
-/* pieces are numbered in the order of their first voxels, which are their roots */
+/* Number the pieces in the order of their first voxels, which are the roots. */
 __global__ void __launch_bounds__(SEGMENT_NUMBERED) number_kernel(const gpu_segment segment, int32_t *d_number)
 {
     __shared__ int32_t warps[SEGMENT_NUMBERED / 32];
@@ -174,9 +174,9 @@ extern "C" pliant_status pliant_cuda_segment_connect(const gpu_segment *segment,
     return CUDA_LAUNCHED("the numbers of the pieces");
 }
 
-/* ---- specks */
+/* ---- Specks. */
 
-/* whole numbers, so in any order the same: of a warp in one piece at once */
+/* Count the members of pieces. Integer sums do not depend on the order. A warp within one piece adds at once. */
 __global__ void members_kernel(const gpu_segment segment, int32_t *d_members)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
@@ -211,9 +211,9 @@ extern "C" pliant_status pliant_cuda_segment_wait(const gpu_segment *segment, do
     return CUDA_LAUNCHED("the specks");
 }
 
-/* A voxel of a speck takes the class of the neighbour that would reach it first in the CPU's queue: there, voxels come
- * in the order of those that reached them, and of the side they were reached from. A key is that path, 3 bits a wave
- * behind the voxel it began at. */
+/* Give a speck's voxel the class of the neighbour that would reach it first in the CPU's queue. In the queue, voxels
+ * are ordered by the voxel that reached them, and then by side. The key encodes this path: the starting voxel, followed
+ * by 3 bits per wave. */
 __global__ void wave_kernel(const gpu_segment segment, int wave)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);
@@ -222,7 +222,7 @@ __global__ void wave_kernel(const gpu_segment segment, int wave)
     const int32_t at[3] = {v % size[0], v / size[0] % size[1], v / step[2]};
     unsigned long long first = ~0ull;
     int32_t from = -1;
-    for (int side = 0; side < 6; side++) { /* as the other sees it: odd ones reach upwards */
+    for (int side = 0; side < 6; side++) { /* sides as seen from the other voxel: odd sides point upwards */
         const int d = side / 2;
         if (side & 1 ? at[d] == 0 : at[d] + 1 >= size[d]) continue;
         const int32_t other = side & 1 ? v - step[d] : v + step[d];
@@ -233,7 +233,7 @@ __global__ void wave_kernel(const gpu_segment segment, int wave)
     if (from < 0) return;
     segment.d_key[v] = first;
     segment.d_classes[v] = segment.d_classes[from];
-    segment.d_parent[v] = wave; /* d_wave is read by others until all are done */
+    segment.d_parent[v] = wave; /* other threads still read d_wave */
 }
 
 __global__ void wave_end_kernel(const gpu_segment segment, int wave)
@@ -258,7 +258,7 @@ extern "C" pliant_status pliant_cuda_segment_absorb(const gpu_segment *segment, 
     return PLIANT_OK;
 }
 
-/* ---- what is told */
+/* ---- Statistics. */
 
 static __device__ long long sum_of(long long value)
 {

@@ -1,7 +1,6 @@
-/* Who runs the stages of a step: one table of functions a backend. The CPU is always there, and what the others are
- * compared with. State stays where the backend keeps it; what the host needs comes back in every step: fine positions,
- * the tools' forces, statistics. Drawing and segmenting on their own have tables of their own (warp/device.h,
- * scan/segment.h). */
+/* Backends: tables of functions that run the stages of a step. The CPU backend always exists and is the reference for
+ * the others. The state stays in the backend's memory. Fine positions, tool forces and statistics are copied to the
+ * host in every step. Drawing and segmentation have separate tables (warp/device.h, scan/segment.h). */
 #ifndef PLIANT_BACKEND_BACKEND_H
 #define PLIANT_BACKEND_BACKEND_H
 
@@ -13,92 +12,102 @@
 extern "C" {
 #endif
 
-/* What a kind of solver (solver/kind) does on the host, whoever runs its steps. */
+/* Host functions of a kind of solver (solver/kind), for all backends. */
 typedef struct pliant_host_solver {
-    pliant_status (*create)(const pliant_model *model, pliant_data *data); /* its state in data, at rest. Errors: MEMORY, SCENE */
-    /* that of the next body, whose discretization next has, in next, from data's, which stays as it is. Errors: MEMORY,
-     * SCENE, NUMERIC */
+    /* Creates its state in data, at rest. Errors: MEMORY, SCENE. */
+    pliant_status (*create)(const pliant_model *model, pliant_data *data);
+    /* Create the state after a cut in `next`, which has the new discretization, from the state of data, which stays
+     * unchanged. Errors: MEMORY, SCENE, NUMERIC. */
     pliant_status (*follow)(const pliant_model *model, const pliant_data *data, const pliant_body_map *map, pliant_data *next);
-    pliant_status (*reset)(pliant_data *data);                             /* to rest. Errors: MEMORY (nothing changed) */
-    pliant_status (*interact)(const pliant_model *model, pliant_data *data); /* the first stage of a step: what the tools pull at */
-    void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions); /* data's own positions too */
+    pliant_status (*reset)(pliant_data *data); /* resets to rest. Errors: MEMORY (nothing changed) */
+    /* First stage of a step: sets the pull of the tools. */
+    pliant_status (*interact)(const pliant_model *model, pliant_data *data);
+    /* Sets data's positions as well. */
+    void (*set_positions)(const pliant_model *model, pliant_data *data, const double *positions);
     void (*limits)(pliant_data *data, int iterations, double tolerance);
-    void (*fell_back)(pliant_data *data); /* another backend failed: what it made is not to be used. Nullable */
-    const pliant_backend *cpu, *cuda; /* who can run its steps; cuda is NULL in a build without */
+    void (*fell_back)(pliant_data *data); /* called after another backend failed: discards its results. Nullable */
+    const pliant_backend *cpu, *cuda; /* backends that run its steps; cuda is NULL in a build without CUDA */
 } pliant_host_solver;
 extern const pliant_host_solver pliant_corotational, pliant_explicit;
 
 struct pliant_backend {
     const char *name;
     const pliant_host_solver *kind;
-    bool on_host; /* keeps no state of its own: nothing to download or to free, and none to fall back on when it fails */
-    bool solves_on_host; /* what a solve leads to is the host's as soon as it ends: when a later stage fails, it is not done again */
-    bool touches; /* its solve knows of contacts, as those on the host do */
+    /* It has no separate state: nothing to download or to free, and no fallback if it fails. */
+    bool on_host;
+    /* The result of a solve is in host memory when it ends, so it is not repeated if a later stage fails. */
+    bool solves_on_host;
+    bool touches; /* its solve handles contacts, like the host's solvers */
     pliant_probe probe;
-    const pliant_tissue_searcher *searcher; /* of tissue that touches tissue; Nullable: the CPU */
+    const pliant_tissue_searcher *searcher; /* collision detection between tissue and tissue; Nullable: on the CPU */
 
-    /* STATE of a data, from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
+    /* STATE of a simulation, created from its host state. Errors: MEMORY, NUMERIC, UNAVAILABLE. */
     pliant_status (*create)(const pliant_model *model, pliant_data *data);
     void (*free)(pliant_data *data); /* NULL on the host */
-    /* The host's state is of the next body, and before has that of the one before: take what differs. map:
-     * pliant_data_set_body. Where *possible is false, or on an error, it is made anew. Nullable: it always is. Errors:
-     * MEMORY, UNAVAILABLE. */
+    /* Update the state after a cut, where `before` has the state before it. map: pliant_data_set_body. If *possible is
+     * false, or after an error, the state is created again. Nullable: it is always created again. Errors: MEMORY,
+     * UNAVAILABLE. */
     pliant_status (*follow)(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible);
-    pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* the host's state was changed: take it */
-    pliant_status (*move)(const pliant_model *model, pliant_data *data); /* nodes of it are elsewhere, and nothing else has changed; Nullable: as restart */
-    void (*download)(const pliant_model *model, pliant_data *data); /* the state of the last step to the host's solver; NULL: it is there */
+    pliant_status (*restart)(const pliant_model *model, pliant_data *data); /* reads the host's changed state */
+    /* Reads moved nodes, if nothing else has changed; Nullable: use restart. */
+    pliant_status (*move)(const pliant_model *model, pliant_data *data);
+    /* Copies the state of the last step to the host's solver; NULL: it is there already. */
+    void (*download)(const pliant_model *model, pliant_data *data);
 
-    /* STAGES, each from the state that the one before left */
+    /* STAGES, each starting from the result of the stage before. */
     pliant_status (*solve)(const pliant_model *model, pliant_data *data);
     pliant_status (*upsample)(const pliant_model *model, pliant_data *data);
-    pliant_status (*bring)(const pliant_model *model, pliant_data *data); /* after upsample, before the step goes on: what it led to becomes the host's. Nullable: it is */
+    /* Copies the step's result to the host, after upsample and before later stages. Nullable: it is there already. */
+    pliant_status (*bring)(const pliant_model *model, pliant_data *data);
     pliant_status (*warp)(const pliant_model *model, pliant_data *data);
 };
 
 extern const pliant_backend pliant_cpu_backend;
 extern const pliant_backend pliant_tled_backend; /* explicit dynamics on the CPU */
-/* what the two share */
+/* Functions shared by both CPU backends. */
 bool pliant_cpu_probe(char *text, size_t size);
 pliant_status pliant_cpu_nothing(const pliant_model *model, pliant_data *data);
 pliant_status pliant_cpu_warp(const pliant_model *model, pliant_data *data);
-/* explicit dynamics: positions from the displacements, what is told of the tools */
+/* Explicit dynamics: compute positions from displacements, and the tools' reports. */
 pliant_status pliant_tled_upsample(const pliant_model *model, pliant_data *data);
 
-/* Before the corotational solve: what a tool pulls at, and where to. Errors: MEMORY. */
+/* Set the grasp constraint and target of a tool before the corotational solve. Errors: MEMORY. */
 pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int tool);
-/* Rigid tools that hold one point (state/shared_hold.h) share one constraint and its force. Return the first of them,
- * the leader, which has the constraint. Any other tool is its own leader. */
+/* Return the leader of a tool. Rigid tools that hold one point (state/shared_hold.h) share one constraint and its
+ * force, which belong to the first of them. Any other tool is its own leader. */
 int pliant_pull_leader(const pliant_data *data, int tool);
-/* List the tools that share the constraint of a leader, the leader first. @return how many */
+/* List the tools that share the constraint of a leader, the leader first.
+ * @return Their number. */
 int pliant_pull_members(const pliant_data *data, int leader, int member[PLIANT_MAX_TOOLS]);
-/* Before it, too: the points of contact, where the host's solver knows the positions. Errors: MEMORY. */
+/* Set the contact points before the solve, if the host's solver has the positions. Errors: MEMORY. */
 pliant_status pliant_push(pliant_data *data);
-/* After a solve: where every tool's held point is, and what force it took. */
+/* Report every tool's held point and force after a solve. */
 void pliant_pull_report(pliant_data *data);
 
 #ifdef PLIANT_WITH_CUDA
 extern const pliant_backend pliant_cuda_backend, pliant_cuda_tled_backend;
 #endif
 
-/* The host moves nodes after the solve, which a backend that solves elsewhere must bring before, and take again. */
+/* Return whether the host moves nodes after the solve. Another backend must then copy its result to the host before,
+ * and read the moved nodes afterwards. */
 static inline bool pliant_host_moves(const pliant_data *data) { return data->patch || data->falling; }
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model);
 
-/* For a data that was just made. A line in the log says which it is; with auto also why not a GPU. */
+/* Create the backend of a new simulation. A log line names it, and with `auto` also the reason why no GPU is used. */
 pliant_status pliant_backend_create(const pliant_model *model, pliant_data *data);
-/* The host's state was changed: the backend takes it, or the CPU goes on. Errors: none but those of neither. */
+/* Read the host's changed state in the backend, or fall back to the CPU. It fails only if both fail. */
 pliant_status pliant_backend_restart(const pliant_model *model, pliant_data *data);
-/* The same where nodes are elsewhere, amid a step, and nothing else has changed: what was made for the step so far is
- * kept. */
+/* Do the same for moved nodes during a step, if nothing else has changed. Data of the present step is kept. */
 pliant_status pliant_backend_move(const pliant_model *model, pliant_data *data);
-/* The host's state is of another body than before's, whose arrays are still there: the backend follows, makes its own
- * anew, or the CPU goes on. */
+/* Follow the host's state across a cut. `before` still has its arrays. The backend updates its state or creates it
+ * again, or the CPU continues. */
 void pliant_backend_follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map);
-/* Whether a GPU solves for the fine nodes themselves, none of which has been moved since: its state is where they
- * are. */
+/* Return whether a GPU solves for the fine nodes themselves, and none of them was moved since. Its state is then equal
+ * to the positions. */
 bool pliant_positions_are_state(const pliant_data *data);
-/* After a failure of the backend: the CPU goes on from the last good state. false: it was the CPU's own failure. */
+/* Continue on the CPU from the last valid state, after a failure of the backend. Return false if the CPU itself
+ * failed. */
 bool pliant_backend_fall_back(const pliant_model *model, pliant_data *data, pliant_status status);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* The corotational solver's stages on the CPU, and what its other backends leave to the host. */
+/* Stages of the corotational solver on the CPU, and the parts that other backends leave to the host. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/rigid/falling.h"
@@ -83,7 +83,7 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     if (status != PLIANT_OK) return status;
     pliant_solver_gravity(data->solver, data->gravity);
     for (int t = 0; t < data->num_tools; t++) {
-        bool begins = data->tools[t].holding && !data->tools[t].attached; /* from the present state */
+        bool begins = data->tools[t].holding && !data->tools[t].attached; /* starts from the present state */
         if (begins && data->backend->download) data->backend->download(model, data);
         if ((status = pliant_pull(model, data, t)) != PLIANT_OK) return status;
     }
@@ -108,7 +108,7 @@ static void limits(pliant_data *data, int iterations, double tolerance)
 {
     data->solver->rules.most_evaluations = iterations;
     data->solver->rules.tolerance = tolerance;
-    data->solver->asked.converged = false; /* by these it may not be */
+    data->solver->asked.converged = false; /* it may not have converged with the new limits */
 }
 
 static void fell_back(pliant_data *data)

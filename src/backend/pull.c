@@ -1,4 +1,4 @@
-/* Tools and the corotational solver: what a tool pulls at, where to, and with what force. [H] 3.2. */
+/* Tools in the corotational solver: grasp constraints, targets and forces ([H] 3.2). */
 #include "backend/backend.h"
 #include "fem/patch/patch.h"
 #include "state/shared_hold.h"
@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-/* ---- rigid tools at one point (state/shared_hold.h) */
+/* ---- Rigid tools at one point (state/shared_hold.h). */
 
 static bool share_a_point(const pliant_data *data, int a, int b)
 {
@@ -40,11 +40,11 @@ static void share_target(const pliant_data *data, int leader, double target[3])
     }
 }
 
-/* ---- */
+/* ---- Targets. */
 
-/* A spring k and a damper b in parallel over a step h: k (p - y) + b ((p - p0) - (y - y0)) / h = l is the spring of
- * stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass is a target that
- * lies further. */
+/* Set the target of a spring k and a parallel damper b over a step h. The law k (p - y) + b ((p - p0) - (y - y0)) / h =
+ * l is a spring of stiffness k + b / h towards (k p + b (p - p0 + y0) / h) / (k + b / h). The weight of the tool's mass
+ * shifts the target. */
 static void aim(const pliant_tool *tool, double step, const double gravity[3], pliant_handle *handle)
 {
     double damper = pliant_tool_drive(tool) == PLIANT_DRIVE_SPRING ? pliant_tool_damping(tool) / step : 0;
@@ -69,13 +69,14 @@ pliant_status pliant_pull(const pliant_model *model, pliant_data *data, int inde
         tool->attached = tool->holding;
         return PLIANT_OK;
     }
-    /* weights through homogenized shape functions turn with the elements: they are taken anew every step */
+    /* Weights through homogenized shape functions rotate with the elements, so they are recomputed in every step. */
     bool turning = solver == data->solver && pliant_upsample_turns(solver->system);
-    if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* another hold than before */
+    if (!tool->attached && handle->active) pliant_solver_release(solver, index); /* a new hold */
     if (!tool->attached || !handle->active || turning) {
         pliant_status status = pliant_patch_hold(data, index);
         if (status != PLIANT_OK) return status;
-        if (!tool->attached) memcpy(handle->force, tool->force, sizeof handle->force); /* 0, unless the grasp was restored */
+        /* 0, unless the grasp was restored */
+        if (!tool->attached) memcpy(handle->force, tool->force, sizeof handle->force);
         tool->attached = true;
     }
     bool by_force = pliant_tool_drive(tool) == PLIANT_DRIVE_FORCE;

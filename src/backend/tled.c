@@ -1,4 +1,4 @@
-/* The stages of explicit dynamics on the CPU, and what its other backends leave to the host. */
+/* Stages of explicit dynamics on the CPU, and the parts that other backends leave to the host. */
 #include "fem/dynamics/tled.h"
 
 #include "backend/backend.h"

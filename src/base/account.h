@@ -1,5 +1,5 @@
-/* Whose memory it is: a block counts for the account that the thread which asks for it has in use, until it is freed,
- * whoever frees it. So what a simulation holds is told apart from what others take and give back meanwhile. */
+/* Memory accounting. A block counts for the account that its allocating thread has in use, until it is freed by any
+ * thread. The memory of a simulation is thus separated from other allocations. */
 #ifndef PLIANT_BASE_ACCOUNT_H
 #define PLIANT_BASE_ACCOUNT_H
 
@@ -11,16 +11,16 @@ extern "C" {
 
 typedef struct pliant_account pliant_account;
 
-/* An account of itself alone; it stays until who has opened it, who shares it and the last of its blocks are gone.
- * NULL: out of memory. */
+/* Open an account. It exists until it is closed by all holders and its last block is freed. NULL: out of memory. */
 pliant_account *pliant_account_open(void);
-/* One more holder of an account, Nullable. */
+/* Add a holder to an account. Nullable */
 pliant_account *pliant_account_share(pliant_account *of);
 void pliant_account_close(pliant_account *of); /* Nullable */
-/* From now on the calling thread asks for that one; NULL, as at first: for none. Returns the one before. */
+/* Use an account for the calling thread's allocations. NULL, the initial state: no account. Return the previous
+ * account. */
 pliant_account *pliant_account_use(pliant_account *of);
-pliant_account *pliant_account_in_use(void); /* of the calling thread, for one that works for it */
-size_t pliant_account_bytes(const pliant_account *of); /* 0: NULL */
+pliant_account *pliant_account_in_use(void); /* account of the calling thread, to pass on to a worker thread */
+size_t pliant_account_bytes(const pliant_account *of); /* 0 for NULL */
 
 #ifdef __cplusplus
 }

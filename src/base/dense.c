@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-/* row by row (Golub and Van Loan, 4.2): every inner product runs along two rows */
+/* row by row (Golub and Van Loan, 4.2), so that inner products run along rows */
 bool pliant_dense_cholesky(int32_t n, double *a)
 {
     for (int32_t i = 0; i < n; i++) {
@@ -68,8 +68,7 @@ bool pliant_dense_solve(int32_t n, double *a, int32_t columns, double *right)
     return true;
 }
 
-/* Cholesky with complete pivoting (Higham, Accuracy and Stability, 10.3); what is left of the diagonal is kept in the
- * last row */
+/* Cholesky with complete pivoting (Higham, Accuracy and Stability, 10.3). The last row holds the remaining diagonal. */
 int32_t pliant_dense_root(int32_t n, const double *a, double *root)
 {
     const double rounding = 1e-13;
@@ -81,7 +80,7 @@ int32_t pliant_dense_root(int32_t n, const double *a, double *root)
             if (left[i] > left[pivot]) pivot = i;
         if (!(left[pivot] > rounding * most)) return rank;
         double *row = root + (int64_t)rank * n, scale = sqrt(left[pivot]);
-        if (rank + 1 == n) { /* over what was left: one column alone, and it is this row */
+        if (rank + 1 == n) { /* the last row replaces the remaining diagonal, which has one nonzero entry */
             for (int32_t i = 0; i < n; i++) row[i] = i == pivot ? scale : 0;
             return n;
         }
@@ -99,7 +98,7 @@ int32_t pliant_dense_root(int32_t n, const double *a, double *root)
     return n;
 }
 
-/* columns (or with step n: rows) p and q turned by an angle */
+/* Rotate columns (or with step n: rows) p and q by an angle. */
 static void turn(int32_t n, double *a, int32_t p, int32_t q, int32_t step, int32_t stride, double cosine, double sine)
 {
     for (int32_t i = 0; i < n; i++) {
@@ -110,7 +109,7 @@ static void turn(int32_t n, double *a, int32_t p, int32_t q, int32_t step, int32
     }
 }
 
-/* cyclic Jacobi (Golub and Van Loan, 8.5) */
+/* Cyclic Jacobi (Golub and Van Loan, 8.5). */
 void pliant_dense_symmetric_eigen(int32_t n, double *a, double *values, double *vectors)
 {
     for (int32_t m = 0; m < n * n; m++) vectors[m] = m % (n + 1) == 0;

@@ -1,4 +1,4 @@
-/* Sums of products, for loops of the CPU and kernels of the GPU. */
+/* Dot products, shared by CPU and GPU. */
 #ifndef PLIANT_BASE_DOT_H
 #define PLIANT_BASE_DOT_H
 
@@ -6,7 +6,7 @@
 
 #include <stddef.h>
 
-/* in a fixed order, four sums at a time */
+/* Return a . b in a fixed order, with four partial sums. */
 PLIANT_INLINE double pliant_dot(size_t n, const double *a, const double *b)
 {
     double sum[4] = {0, 0, 0, 0};

@@ -1,4 +1,4 @@
-/* How the library reports; public, so that programs and other libraries report alike. */
+/* Error reporting of the library; public, so that programs and other libraries report in the same way. */
 #ifndef PLIANT_BASE_FAIL_H
 #define PLIANT_BASE_FAIL_H
 
@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* Of the calling thread: from now on NUMERIC goes to the log for debugging alone, since the caller has another way. */
+/* For the calling thread: log NUMERIC errors at debug level only, because the caller handles them. */
 void pliant_fail_quietly(bool quiet);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* What the machine, and the container where there is one, have free. */
+/* Free memory of the machine and, if present, of the container. */
 #include "base/free_memory.h"
 
 #include "base/fail.h"
@@ -7,9 +7,9 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { SMALL = 64 << 20 }; /* bytes not worth a look */
+enum { SMALL = 64 << 20 }; /* bytes that are not checked */
 
-/* The number after a name at the start of a line; -1: no such file or line, or a word (such as "max") instead. */
+/* Return the number after a name at the start of a line. Return -1 if there is no such file, line or number ("max"). */
 static double number_after(const char *path, const char *name)
 {
     FILE *file = fopen(path, "r");
@@ -26,10 +26,10 @@ static double number_after(const char *path, const char *name)
 double pliant_free_memory(void)
 {
     double available = number_after("/proc/meminfo", "MemAvailable:");
-    available = available < 0.0 ? HUGE_VAL : 1024.0 * available; /* the kernel counts in kB */
+    available = available < 0.0 ? HUGE_VAL : 1024.0 * available; /* the kernel reports kB */
     double limit = number_after("/sys/fs/cgroup/memory.max", ""), used = number_after("/sys/fs/cgroup/memory.current", "");
     if (limit < 0.0 || used < 0.0) return available;
-    /* what the container keeps of files that were read is given up when memory is wanted */
+    /* the container's file cache is released on demand */
     double cache = number_after("/sys/fs/cgroup/memory.stat", "inactive_file ");
     return fmin(available, fmax(limit - used + fmax(cache, 0.0), 0.0));
 }

@@ -1,4 +1,4 @@
-/* Is there room? Where the system promises memory that it does not have, too much ends the process later. */
+/* Check for free memory. Systems that overcommit memory may otherwise end the process later. */
 #ifndef PLIANT_BASE_FREE_MEMORY_H
 #define PLIANT_BASE_FREE_MEMORY_H
 
@@ -8,10 +8,11 @@
 extern "C" {
 #endif
 
-/* Bytes; infinite where the system does not tell. */
+/* Return the free memory [bytes]; infinite if the system does not report it. */
 double pliant_free_memory(void);
 
-/* Errors: MEMORY, naming what and both figures. Small amounts are always said to fit. */
+/* Check whether `bytes` fit in the free memory. Small amounts always fit. Errors: MEMORY, with `what` and both
+ * figures. */
 pliant_status pliant_memory_suffices(double bytes, const char *what);
 
 #ifdef __cplusplus

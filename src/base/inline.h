@@ -1,6 +1,5 @@
-/* Functions that loops of the CPU and kernels of the GPU share: both compile the same lines. Literals are typed (0.0
- * beside a double), since C++ chooses overloads of fmin and the like by them. PLIANT_UNROLL stands before short loops
- * over arrays that fit into a GPU's registers. */
+/* Functions shared by CPU loops and GPU kernels. Literals have explicit types (0.0 with a double), since C++ selects
+ * overloads such as fmin by type. PLIANT_UNROLL marks short loops over arrays that fit in a GPU's registers. */
 #ifndef PLIANT_BASE_INLINE_H
 #define PLIANT_BASE_INLINE_H
 
@@ -9,7 +8,8 @@
 #define PLIANT_UNROLL _Pragma("unroll")
 #else
 #define PLIANT_UNROLL
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) /* make no vector code of copies, which took two minutes to compile */
+/* Without vectorized copies, which took two minutes to compile. */
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define PLIANT_INLINE static inline
 #else
 #define PLIANT_INLINE static inline __attribute__((always_inline))

@@ -11,38 +11,39 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* What a block is stands in front of it, in the 64 bytes that alignment leaves free. */
+/* Header of a block, stored before it in the 64 bytes that the alignment leaves free. */
 enum { ALIGNMENT = 64 };
 
 typedef struct header {
-    void *base;   /* as the system gave it */
-    size_t bytes; /* asked for */
-    size_t room;  /* there are */
-    bool pages;   /* nothing else is on its pages */
-    _Atomic(uint64_t *) stamp; /* Nullable: (pieces of room) of an array that follows another, or is followed; pieces with one stamp, at one place, are
-                                * the same bytes */
-    pliant_account *account; /* Nullable: that it counts for */
-    atomic_int others;       /* who hold it as well */
+    void *base;   /* address returned by the system */
+    size_t bytes; /* requested size */
+    size_t room;  /* capacity */
+    bool pages;   /* no other block is on its pages */
+    /* Nullable: (pieces of the capacity) stamps of an array with versions. Pieces with equal stamps at the same offset
+     * have equal content. */
+    _Atomic(uint64_t *) stamp;
+    pliant_account *account; /* Nullable: the account of the block */
+    atomic_int others;       /* number of additional holders */
 } header;
 
 _Static_assert(sizeof(header) <= ALIGNMENT, "a header is in front of its block");
 
 struct pliant_account {
-    atomic_size_t bytes, holders; /* its blocks, and those who have opened it */
+    atomic_size_t bytes, holders; /* bytes of its blocks, and number of holders */
 };
 
-/* From so many bytes on a block has room for an eighth more, at most, and may be kept. */
+/* Minimum size for reuse. Such blocks have up to an eighth more capacity. */
 static const size_t large = 1 << 18;
 
-/* The same for arrays that follow one another, which are compared by pieces. */
+/* The same for versions of arrays, which are compared in pieces. */
 static const size_t large_series = 1 << 14;
 
 enum { MOST_KEPT = 128, PIECE = 4096 };
 
-/* From so many bytes on a block is on large pages, if the system has some. */
+/* Minimum size for large pages, if the system has them. */
 static const size_t huge = 1 << 22;
 
-/* Blocks that were freed; the one that was freed last is the last. */
+/* Freed blocks, in the order in which they were freed. */
 static struct {
     pthread_mutex_t lock;
     int64_t limit; /* [bytes] */
@@ -54,7 +55,7 @@ static struct {
 static atomic_size_t in_use, peak;
 static _Thread_local int64_t taken; /* [bytes] */
 static _Thread_local bool apart;
-static _Thread_local pliant_account *account; /* Nullable: of what the thread asks for */
+static _Thread_local pliant_account *account; /* Nullable: account of the thread's allocations */
 static atomic_uint_least64_t last_stamp;
 static atomic_llong calls_left = -1;
 
@@ -81,7 +82,7 @@ static void uncount(const header *block, size_t bytes)
     if (block->account) atomic_fetch_sub(&block->account->bytes, bytes);
 }
 
-/* A block that is handed out: all of it counts. */
+/* Set up a block for the caller. All of it counts as in use. */
 static void enter(header *block, size_t bytes)
 {
     block->bytes = bytes;
@@ -102,10 +103,10 @@ static void give_back(header *block)
     free(block->base);
 }
 
-/* ---- blocks that are kept */
+/* ---- Kept blocks. */
 
-/* Large ones are of few sizes, so that one fits in the place of another; of their own where what is written behind a
- * block is looked for. */
+/* Return the capacity for a size. Large blocks have few sizes, so that they can be reused. With a memory checker,
+ * capacities are exact, so that writes behind a block are detected. */
 static size_t room_for(size_t bytes, bool series)
 {
     size_t step = 1;
@@ -144,7 +145,7 @@ static size_t count_alike(const header *a, const header *b, size_t pieces)
     return alike;
 }
 
-/* Of those that fit, the one that has most of another, Nullable, already. */
+/* Take the fitting block that has the most content in common with another one. other: Nullable */
 static header *take_alike(const header *other, size_t room)
 {
     int best = -1;
@@ -162,7 +163,7 @@ static header *take_alike(const header *other, size_t room)
     return found;
 }
 
-/* those that were freed first go first */
+/* Free the oldest blocks first. */
 static void release_above(int64_t bytes, int blocks)
 {
     while (kept.count > 0 && ((int64_t)kept.bytes > bytes || kept.count > blocks)) give_back(remove_kept(0));
@@ -170,7 +171,8 @@ static void release_above(int64_t bytes, int blocks)
 
 static bool keep(header *block)
 {
-    const bool fits = block->room == room_for(block->room, block->stamp != NULL); /* what was followed for the first time may be of no size that is asked for */
+    /* The first version of an array may have an unusual size. */
+    const bool fits = block->room == room_for(block->room, block->stamp != NULL);
     if (!fits || block->room < (block->stamp ? large_series : large) || (apart && !block->stamp)) return false;
     pthread_mutex_lock(&kept.lock);
     const bool keeps = (int64_t)block->room <= kept.limit / 2;
@@ -202,12 +204,12 @@ size_t pliant_memory_kept(void)
     return bytes;
 }
 
-/* ---- blocks */
+/* ---- Blocks. */
 
-/* The header stands in front of an aligned address. */
+/* Allocate a block whose header precedes an aligned address. */
 static header *from_system(size_t room, size_t alignment)
 {
-    char *base = calloc(room + ALIGNMENT + alignment, 1); /* the system knows which pages are clear */
+    char *base = calloc(room + ALIGNMENT + alignment, 1); /* calloc skips pages that are already clear */
     if (!base) return NULL;
     char *aligned = base + ALIGNMENT + (alignment - ((uintptr_t)base + ALIGNMENT) % alignment) % alignment;
     header *block = header_of(aligned);
@@ -216,14 +218,14 @@ static header *from_system(size_t room, size_t alignment)
     return block;
 }
 
-/* The pages of a block that the system has just given: large ones, and, where all of it is about to be written, at
- * once: each by itself costs more than what is written to it. */
+/* Request pages for a new block: large pages, and immediately if the block will be written completely. A page fault for
+ * each page costs more than writing the page. */
 static void find_pages(const header *block, bool written)
 {
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), begin = ((uintptr_t)block->base + page - 1) / page * page;
     const uintptr_t end = ((uintptr_t)block + ALIGNMENT + block->room) / page * page;
     if (begin >= end) return;
-    if (block->room >= huge) madvise((void *)begin, end - begin, MADV_HUGEPAGE); /* advice, which may not be taken */
+    if (block->room >= huge) madvise((void *)begin, end - begin, MADV_HUGEPAGE); /* advice that the system may ignore */
 #ifdef MADV_POPULATE_WRITE
     if (written) madvise((void *)begin, end - begin, MADV_POPULATE_WRITE);
 #else
@@ -254,7 +256,7 @@ void *pliant_calloc(size_t number, size_t size) { return may_be(number, size) ? 
 void *pliant_pages(size_t number, size_t size)
 {
 #ifdef __SANITIZE_ADDRESS__
-    return pliant_calloc(number, size); /* what is written behind it is looked for */
+    return pliant_calloc(number, size); /* exact size, so that writes behind it are detected */
 #endif
     const size_t page = (size_t)sysconf(_SC_PAGESIZE);
     if (!may_be(number, size)) return NULL;
@@ -277,7 +279,7 @@ void *pliant_copy_of(const void *from, size_t number, size_t size)
     return made;
 }
 
-/* ---- arrays that follow one another */
+/* ---- Versions of an array. */
 
 static void stamp_anew(header *block, size_t from, size_t to)
 {
@@ -285,8 +287,8 @@ static void stamp_anew(header *block, size_t from, size_t to)
     for (size_t p = from / PIECE; p < pieces_of(to); p++) block->stamp[p] = stamp;
 }
 
-/* What is followed for the first time, an array at load say, which any thread may read: what follows it finds the same
- * pieces again. Where there is no memory for that, they are copied once more. */
+/* Stamp the first version of an array, such as an array from load time, which other threads may read. Later versions
+ * then share its stamps. Without memory for stamps, the content is copied once more. */
 static void stamp_first(header *block)
 {
     uint64_t *none = NULL, *made = block->stamp || block->bytes < large_series ? NULL : calloc(pieces_of(block->room), sizeof *made);
@@ -295,7 +297,7 @@ static void stamp_first(header *block)
     if (!atomic_compare_exchange_strong(&block->stamp, &none, made)) free(made);
 }
 
-/* The first bytes of another block, of which the pieces are copied that differ; and zeros behind them. */
+/* Copy the first bytes of another block, limited to pieces that differ, and clear the rest. */
 static void follow(header *block, const header *from, size_t kept_bytes)
 {
     char *to = (char *)block + ALIGNMENT;
@@ -361,7 +363,7 @@ bool pliant_next_difference(const void *now, const void *before, size_t bytes, s
     return false;
 }
 
-/* longer or shorter where it is; false: there is no room */
+/* Change the size within the capacity. Return false if the capacity is too small. */
 static bool stretch(header *block, size_t bytes)
 {
     if (block->room < (block->stamp ? large_series : large) || room_for(bytes, block->stamp != NULL) != block->room) return false;
@@ -409,7 +411,7 @@ void *pliant_share(void *block)
     return block;
 }
 
-/* a block that is shared by none need not be written for that */
+/* an unshared block needs no atomic write */
 static bool is_last(header *block)
 {
     if (atomic_load_explicit(&block->others, memory_order_acquire) == 0) return true;
@@ -432,7 +434,7 @@ size_t pliant_memory_peak(void) { return atomic_load(&peak); }
 void pliant_memory_reset_peak(void) { atomic_store(&peak, atomic_load(&in_use)); }
 void pliant_memory_fail_after(int64_t calls) { atomic_store(&calls_left, calls); }
 
-/* ---- accounts */
+/* ---- Accounts. */
 
 pliant_account *pliant_account_open(void)
 {

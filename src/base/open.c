@@ -17,7 +17,7 @@ pliant_open_check pliant_set_open_check(pliant_open_check check)
     return before;
 }
 
-/* Held without being opened: no device or pipe notices. */
+/* Obtain a descriptor without opening the file, which has no effect on devices and pipes. */
 static int hold(const char *path, char link[32])
 {
     int descriptor = open(path, O_PATH | O_CLOEXEC);
@@ -34,7 +34,8 @@ static const char *ask(const char *link)
     return thread_check.function(real, thread_check.user);
 }
 
-/* What is not there is refused as its nearest folder that is: nobody learns what there is where nothing may be read. */
+/* Check the nearest existing folder for a missing file. An error message then reveals nothing about folders that may
+ * not be read. */
 static const char *ask_about_folder(const char *path)
 {
     char folder[PATH_MAX], link[32];

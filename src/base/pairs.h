@@ -4,9 +4,11 @@
 
 #include <stdint.h>
 
-/* by the first, then by the second: -1, 0 or 1, as qsort asks for it */
+/* Compare by the first index, then by the second, for qsort: -1, 0 or 1. */
 int pliant_pair_order(const void *a, const void *b);
-/* Puts pairs in order, each once. @param pair count x 2 @return how many are left */
+/* Sort pairs and remove duplicates.
+ * @param pair  (count x 2).
+ * @return Number of remaining pairs. */
 int32_t pliant_pairs_sort(int32_t *pair, int32_t count);
 
 #endif

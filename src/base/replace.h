@@ -8,8 +8,8 @@
 extern "C" {
 #endif
 
-/* Create an empty file in the target's folder that nobody else uses, open for writing. Returns its descriptor, or -1
- * with errno. temporary: its name; who has written it renames it to the target, or unlinks it. */
+/* Create an empty file in the target's folder with a unique name, open for writing. Return its descriptor, or -1 with
+ * errno. temporary: out: its name; the caller renames it to the target, or unlinks it. */
 int pliant_open_beside(const char *target, char temporary[PATH_MAX]);
 
 #ifdef __cplusplus

@@ -12,7 +12,7 @@ void pliant_rotate(const double quaternion[4], const double v[3], double out[3])
     for (int d = 0; d < 3; d++) out[d] = size > 0 ? v[d] + 2 * (w * a[d] + b[d]) / size : v[d];
 }
 
-/* half the angle; sign: of the way round that is shorter, sizes: squared lengths */
+/* Return half the angle. sign: of the shorter way; sizes: squared lengths. */
 static double half_angle(const double from[4], const double to[4], double *sign, double sizes[2])
 {
     double cosine = 0;

@@ -49,14 +49,15 @@ void pliant_fail_quietly(bool quiet) { quietly = quiet; }
 
 pliant_status pliant_fail(pliant_status status, const char *format, ...)
 {
-    /* through a copy: an argument may be the last error itself */
+    /* Use a buffer, since an argument may be the last error itself. */
     char message[MESSAGE_SIZE];
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
     memcpy(last_error, message, sizeof message);
-    bool known = status == PLIANT_ERROR_CANCELLED || (quietly && (status == PLIANT_ERROR_NUMERIC || status == PLIANT_ERROR_SCENE)); /* whoever cancelled knows of it */
+    /* The caller has requested the cancellation, or handles the error itself. */
+    bool known = status == PLIANT_ERROR_CANCELLED || (quietly && (status == PLIANT_ERROR_NUMERIC || status == PLIANT_ERROR_SCENE));
     send(known ? PLIANT_LOG_DEBUG : PLIANT_LOG_ERROR, message);
     return status;
 }

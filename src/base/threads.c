@@ -23,11 +23,11 @@ void pliant_threads_end(int before) { omp_set_num_threads(before); }
 void pliant_threads_step_back(void)
 {
 #ifdef __linux__
-    const int nicer = 5; /* more, and a busy machine would make steps wait for it */
+    const int nicer = 5; /* a higher value would delay background work on a busy machine until steps wait for it */
     const struct sched_param none = {0};
-    pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* out of a real-time class, where the caller is in one */
+    pthread_setschedparam(pthread_self(), SCHED_OTHER, &none); /* leaves a real-time class of the caller */
     errno = 0;
-    int before = getpriority(PRIO_PROCESS, 0); /* of the calling thread alone, on Linux */
+    int before = getpriority(PRIO_PROCESS, 0); /* applies to the calling thread on Linux */
     if (before != -1 || errno == 0) setpriority(PRIO_PROCESS, 0, before + nicer < 19 ? before + nicer : 19);
 #endif
 }

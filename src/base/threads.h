@@ -1,4 +1,4 @@
-/* How many threads work, and what they met while they did. */
+/* Number of threads, and their common progress and errors. */
 #ifndef PLIANT_BASE_THREADS_H
 #define PLIANT_BASE_THREADS_H
 
@@ -8,34 +8,34 @@
 extern "C" {
 #endif
 
-/* As many as are wanted; 0: as many as the machine has cores. */
+/* Return the requested number of threads; 0: the number of cores. */
 int pliant_threads_of(int wanted);
 
-/* Loops that are told of no number, as those over a scan's voxels, run on that many in between. Of the calling thread
- * alone. begin returns what end is to bring back. */
+/* Set the number of threads for parallel loops without an explicit number, such as loops over voxels. It affects the
+ * calling thread. begin returns the number that end restores. */
 int pliant_threads_begin(int wanted);
 void pliant_threads_end(int before);
 
-/* By a thread that works ahead of a step: from now on it lets those go first that the step waits for. */
+/* Lower the priority of the calling thread, which prepares later steps, below the threads of the present step. */
 void pliant_threads_step_back(void);
 
-/* Pieces of work that threads take one after the other: how many are done, and the worst that any thread met. */
+/* Work items that threads take one after the other: number of finished items, and the worst error of any thread. */
 typedef struct pliant_work {
-    const char *what;          /* for the message of a cancelled one */
+    const char *what;          /* for the message of a cancellation */
     const char *stage;
     pliant_progress progress;
-    double begin, end;         /* of the stage, in fractions of it */
-    int32_t count, interval;   /* pieces; between two reports */
+    double begin, end;         /* range of this work in the stage, as fractions */
+    int32_t count, interval;   /* number of items, and items between two reports */
     int32_t done;
     pliant_status worst;
-    char message[512];         /* belongs to the thread that met it: kept here, so that another can hand it on */
+    char message[512];         /* message of the thread with the error, stored here for another thread */
 } pliant_work;
 
-/* By any thread: one more piece is done. CANCELLED: no more are wanted. */
+/* Record a finished item, from any thread. Return CANCELLED if the work shall stop. */
 pliant_status pliant_work_done(pliant_work *work);
-/* By every thread, after its last piece. */
+/* Call this from every thread after its last item. */
 void pliant_work_leave(pliant_work *work, pliant_status status);
-/* By the thread that waited for them all. */
+/* Return the result, in the thread that has waited for all others. */
 pliant_status pliant_work_outcome(const pliant_work *work);
 
 #ifdef __cplusplus

@@ -16,7 +16,7 @@ static const struct { const char *name; size_t size; } types[] = {{"UInt8", 1}, 
 
 static uint64_t bytes_of(const vtk_array *array) { return (uint64_t)(array->count * (size_t)array->components * types[array->type].size); }
 
-/* The arrays of a section, each where it will begin in the appended data. */
+/* Write the headers of a section's arrays, with their offsets in the appended data. */
 static void write_section(FILE *file, vtk_section section, const char *name, const vtk_array *arrays, int num_arrays)
 {
     uint64_t offset = 0;

@@ -11,13 +11,13 @@ extern "C" {
 typedef enum vtk_type { VTK_UINT8, VTK_UINT16, VTK_INT32, VTK_FLOAT32, VTK_FLOAT64 } vtk_type;
 typedef enum vtk_section { VTK_POINTS, VTK_CELLS, VTK_POINT_DATA, VTK_CELL_DATA } vtk_section;
 
-/* Numbers of one point or cell after the other. */
+/* Values of all points or cells. */
 typedef struct vtk_array {
     vtk_section section;
     const char *name;
     vtk_type type;
     int components;
-    size_t count;     /* of points or cells, of connectivity numbers */
+    size_t count;     /* number of points or cells, or of connectivity values */
     const void *data; /* borrowed */
 } vtk_array;
 

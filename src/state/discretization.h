@@ -1,4 +1,4 @@
-/* How many hold a discretization; from any thread. */
+/* Reference count of a discretization, usable from any thread. */
 #ifndef PLIANT_STATE_DISCRETIZATION_H
 #define PLIANT_STATE_DISCRETIZATION_H
 
@@ -9,7 +9,7 @@
 
 struct pliant_discretization_holders {
     atomic_int count;
-    void (*free)(pliant_discretization *discretization); /* by the last one */
+    void (*free)(pliant_discretization *discretization); /* called when the last reference is released */
 };
 #endif
 

@@ -1,4 +1,4 @@
-/* Rigid tools that hold one point: their constraints would be one row twice, and the matrix of all constraints
+/* Rigid tools that hold one point. With a constraint for each, two rows would be equal and the constraint matrix
  * singular. */
 #ifndef PLIANT_STATE_SHARED_HOLD_H
 #define PLIANT_STATE_SHARED_HOLD_H
@@ -9,9 +9,9 @@
 extern "C" {
 #endif
 
-/* Whether both are rigid and their held points at rest are closer than a quarter of the shortest edge of a cube.
- * Displacements are linear within an element, so that such points cannot move apart: two constraints would hold each
- * other's forces, which grow as 1 / distance. */
+/* Return whether both tools are rigid and their held points at rest are closer than a quarter of a cube's shortest
+ * edge. Displacements are linear within an element, so such points cannot separate. Two constraints would exert
+ * opposite forces that grow as 1 / distance. */
 bool pliant_hold_one_point(const pliant_mesh *fine, const pliant_tool *a, const pliant_tool *b);
 
 #ifdef __cplusplus

@@ -132,11 +132,11 @@ static __device__ __forceinline__ double pick(const double all[3], int k) { retu
 enum kernel_kind {
     FREE_TETS,                 /* tetrahedra without contact to a wall */
     TETS,
-    ANY_ELEMENTS               /* hexahedra too, or damping in proportion to stiffness */
+    ANY_ELEMENTS               /* also hexahedra, or stiffness-proportional damping */
 };
 
-/* A node that moves, by central differences: from its acceleration to where it is next. By all threads of a warp;
- * returns the component of the acceleration by all forces. */
+/* Move a node by central differences from its acceleration. Call it from all threads of a warp. Return this component
+ * of the acceleration by all forces. */
 template <bool WALLS>
 static __device__ __forceinline__ double move_component(const gpu_tled &tled, int32_t step, component at, double acceleration, double *d_next, double *d_d)
 {
@@ -163,9 +163,9 @@ static __device__ __forceinline__ double move_component(const gpu_tled &tled, in
     return acceleration;
 }
 
-/* The error of time integration at a node that moves, before it does: error_at in src/fem/dynamics/tled_step.c. What
- * its acceleration was follows from the last two increments. By all threads of a warp. @param older the increment
- * before the last */
+/* Return the error of time integration at a node before it moves, as error_at in src/fem/dynamics/tled_step.c. The
+ * previous acceleration follows from the last two increments. Call it from all threads of a warp.
+ * @param older  Increment before the last one. */
 template <bool WALLS>
 static __device__ __forceinline__ double error_of_component(const gpu_tled &tled, const component &at, double acceleration, double older)
 {
@@ -180,7 +180,8 @@ static __device__ __forceinline__ double error_of_component(const gpu_tled &tled
     return pliant_substep_error(tled.d_frame->whole * step, step, change, sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]));
 }
 
-/* Dynamic relaxation: the acceleration is kept, and what tells how much to damp: sums of load, stiffness, inertia. */
+/* Dynamic relaxation: store the acceleration, and compute the terms of the damping: sums of load, stiffness,
+ * inertia. */
 static __device__ __forceinline__ void keep_component(const gpu_tled &tled, const component &at, double acceleration, double sums[3])
 {
     if (!at.moves) return;
@@ -203,7 +204,7 @@ substep_kernel(const gpu_tled tled, int32_t number)
     if ((VISCOUS || tled.still) && is_idle(tled, step)) return;
     const bool is_tet = element >= 0 && (!MORE || element >> 1 < tled.num_tets);
     gpu_tet tet;
-    if (is_tet) tet = load_tet(tled.d_tets, element >> 1); /* first, since the most follows from it */
+    if (is_tet) tet = load_tet(tled.d_tets, element >> 1); /* first, since most other loads depend on it */
     component at = find_component(tled, first, count);
     if (is_tet) element_forces<LAW, VISCOUS, NODAL, MORE>(tled, from, number & 1, element, tet, force);
     else if (MORE && element >= 0) cube_forces<LAW, VISCOUS>(tled, from, number & 1, element, force);
@@ -215,7 +216,7 @@ substep_kernel(const gpu_tled tled, int32_t number)
         const int32_t place = __ldg(tled.d_corner + c);
         sum += force[place / GPU_THREADS * 3 + at.k][place % GPU_THREADS];
     }
-    if (step >= substeps) return; /* only here, so that nothing before waits to know */
+    if (step >= substeps) return; /* tested only here, so that earlier work does not wait for the value */
     const double weight = at.node.mass * tled.d_frame->gravity[at.k];
     double acceleration = at.node.inverse_mass * (weight - sum), sums[3] = {at.node.inverse_mass * weight * weight, 0, 0};
     if (tled.still) {
@@ -230,7 +231,7 @@ substep_kernel(const gpu_tled tled, int32_t number)
     const bool told = left <= 2;
     double *d_older = tled.d_older + 3 * (size_t)at.n + at.k;
     if (told) sums[2] = error_of_component<WALLS>(tled, at, acceleration, at.moves ? *d_older : 0);
-    if (left <= 3 && at.moves) *d_older = at.d; /* the frame's last three alone need it */
+    if (left <= 3 && at.moves) *d_older = at.d; /* only the last three sub-steps of a frame need it */
     acceleration = move_component<WALLS>(tled, step, at, acceleration, d_next, tled.d_d[1 - from]);
     if (!told) return;
     const int slots[3] = {PLIANT_SUM_LOAD, PLIANT_SUM_RESIDUAL, left == 1 ? PLIANT_SUM_ERROR : PLIANT_SUM_ERROR_BEFORE};
@@ -238,7 +239,7 @@ substep_kernel(const gpu_tled tled, int32_t number)
     add_up(tled.d_sums, slots, sums, scratch);
 }
 
-/* Tools and contacts, after all nodes were moved; one block. */
+/* Apply tools and contacts after all nodes were moved, with one block. */
 __global__ void __launch_bounds__(GPU_THREADS) pull_kernel(const gpu_tled tled, int32_t number)
 {
     extern __shared__ double touch_block[];
@@ -258,7 +259,7 @@ static __device__ __forceinline__ void store_u(double *d_u, int32_t n, const dou
     to[1].x = u[2];
 }
 
-/* Dynamic relaxation, after the forces: all nodes, then those that tools hold; then whether it has settled. */
+/* Dynamic relaxation after the forces: move all nodes, then apply the tools, then test convergence. */
 __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled, int32_t number)
 {
     __shared__ gpu_tool_work work;
@@ -299,7 +300,7 @@ __global__ void __launch_bounds__(GPU_THREADS) relax_kernel(const gpu_tled tled,
     outcome->settled = outcome->residual <= frame->tolerance && atomicAdd(&outcome->unsound, 0) > step;
 }
 
-/* Average nodal pressure: pliant_tled_pressures. */
+/* Compute average nodal pressures, as pliant_tled_pressures. */
 __global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tled, int32_t number)
 {
     __shared__ float change[GPU_THREADS];
@@ -322,7 +323,7 @@ __global__ void __launch_bounds__(GPU_THREADS) pressure_kernel(const gpu_tled tl
 
 __global__ void bump_kernel(gpu_outcome *outcome, int32_t steps) { outcome->base += steps; }
 
-/* where the host keeps a number of an element's memory */
+/* Return the index of a number of an element's memory in the host's layout. */
 static __device__ size_t host_place(int32_t element, int term, int m)
 {
     return ((size_t)(element / LANES) * 6 * PLIANT_PRONY_TERMS + 6 * (size_t)term + (size_t)m) * LANES + (size_t)(element % LANES);
@@ -387,7 +388,7 @@ __global__ void hold_kernel(gpu_node *d_nodes, const int32_t *d_held_node, int32
     if (h < num_held) d_nodes[d_held_node[h]].held = 1;
 }
 
-/* ---- launches */
+/* ---- Kernel launches. */
 
 static unsigned blocks_for(int32_t count) { return (unsigned)((count + GPU_THREADS - 1) / GPU_THREADS); }
 
@@ -417,7 +418,7 @@ extern "C" pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, si
     cudaFuncAttributes kernel;
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, pull_kernel)));
     tled->shared_bytes = bytes + kernel.sharedSizeBytes <= most ? bytes : 0;
-    /* of the kernel, not of this simulation: another one may need more */
+    /* a property of the kernel: another simulation may need more */
     if (tled->shared_bytes <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK;
     return CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
 }

@@ -1,11 +1,11 @@
-/* What touches the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools and contacts,
- * by one block when all nodes are moved. */
+/* External actions on the tissue in a sub-step, as in src/fem/dynamics/tled_tools.c: walls, node by node; tools and
+ * contacts, by one block after all nodes were moved. */
 #ifndef PLIANT_CUDA_TLED_TOOLS_CUH
 #define PLIANT_CUDA_TLED_TOOLS_CUH
 
 #include "cuda/fem/dynamics/tled_touch.cuh"
 
-/* Sum over a block, in a tree: the same for all threads. scratch: (GPU_THREADS / 32). */
+/* Sum over a block in a tree. All threads get the same result. scratch: (GPU_THREADS / 32). */
 static __device__ double block_sum(double value, double *scratch)
 {
     const int warp = (int)threadIdx.x / 32, lane = (int)threadIdx.x % 32;
@@ -18,7 +18,8 @@ static __device__ double block_sum(double value, double *scratch)
     return value;
 }
 
-/* Whether this block is the last one of the kernel to come here; it sees what the others wrote, past its own cache. */
+/* Return whether this is the last block of the kernel to arrive. It then reads the results of the other blocks,
+ * bypassing its own cache. */
 static __device__ bool is_last_block(gpu_outcome *outcome)
 {
     __shared__ bool last;
@@ -33,13 +34,14 @@ static __device__ bool is_last_block(gpu_outcome *outcome)
     return last;
 }
 
-/* pliant_tled_collide for one node, on registers */
+/* Do the same as pliant_tled_collide for one node in registers. */
 static __device__ __forceinline__ void collide(const gpu_tled &tled, const double rest[3], double factor, double u[3], double d[3], double acceleration[3])
 {
     pliant_substep_collide(tled.walls, tled.num_walls, tled.friction, tled.restitution, rest, factor, u, d, acceleration);
 }
 
-/* After all forces on a node that is not fixed: walls; its part of the residual; whether it moved faster than sound. */
+/* Finish a free node after all forces: apply walls and compute its part of the residual. Return whether it moved faster
+ * than sound. */
 static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, const gpu_node &node, double factor, double u[3], double d[3],
                                                 double acceleration[3], double *residual)
 {
@@ -50,17 +52,17 @@ static __device__ __forceinline__ bool settle(const gpu_tled &tled, int32_t n, c
     return tled.still ? square != square : !(square <= node.limit);
 }
 
-/* ---- tools, by all threads of one block */
+/* ---- Tools, by all threads of one block. */
 
 typedef struct gpu_tool_work {
-    double tile[6][GPU_THREADS], point[6]; /* held point now, and before this sub-step */
+    double tile[6][GPU_THREADS], point[6]; /* held point at present, and before this sub-step */
     double matrix[PLIANT_MAX_TOOLS][PLIANT_MAX_TOOLS], force[PLIANT_MAX_TOOLS][3];
     int32_t pulls[PLIANT_MAX_TOOLS]; /* tools that pull at a point */
     double scratch[GPU_THREADS / 32];
-    gpu_frame frame;           /* a copy: what is asked for one after the other comes at once */
+    gpu_frame frame;           /* a copy, loaded at once instead of one value after the other */
 } gpu_tool_work;
 
-/* to point: in the order of the nodes, as on the CPU */
+/* Compute the held point in `point`, in the order of the nodes, as on the CPU. */
 static __device__ void held_point(const gpu_tled &tled, const gpu_hold &hold, const double *d_u, const double *d_d, gpu_tool_work *work)
 {
     double sum = 0;
@@ -100,14 +102,15 @@ static __device__ void push(const gpu_tled &tled, const gpu_hold &hold, const do
     __syncthreads();
 }
 
-/* by one thread: row i of the tools' equations from its held point */
+/* Compute row i of the tools' equations from its held point, with one thread. */
 static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, double factor, int32_t parts, int i, gpu_tool_work *work)
 {
     const gpu_frame *frame = &work->frame;
     const int32_t tool = work->pulls[i];
     gpu_outcome *outcome = tled.d_outcome;
     double *target = outcome->target[tool], *passed = outcome->passed[tool], *passed_target = outcome->passed_target[tool];
-    const double old[3] = {target[0], target[1], target[2]}, none[3] = {0, 0, 0}; /* tools with a mass are the CPU's: pliant_cuda_tled_run */
+    /* Tools with mass run on the CPU: pliant_cuda_tled_run. */
+    const double old[3] = {target[0], target[1], target[2]}, none[3] = {0, 0, 0};
     pliant_substep_approach(target, hold.goal, parts + hold.later, frame->reach);
     const bool spring = hold.drive == PLIANT_DRIVE_SPRING;
     double stiffness = spring ? hold.stiffness : 0, damper = spring && !tled.still ? hold.damping / frame->time_step : 0;
@@ -124,7 +127,7 @@ static __device__ void set_row(const gpu_tled &tled, const gpu_hold &hold, doubl
     work->matrix[i][i] += pliant_substep_gap(stiffness, damper, 0, target, old, work->point, work->point + 3, none, pushed, work->force[i]);
 }
 
-/* by one thread: summed over a frame's motion; of dynamic relaxation only the last counts */
+/* Sum a tool's force over a frame, with one thread. In dynamic relaxation the last force counts. */
 static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_hold &hold, const double force[3], double *load)
 {
     double *sum = tled.d_outcome->force[tool];
@@ -132,7 +135,7 @@ static __device__ void add_force(const gpu_tled &tled, int32_t tool, const gpu_h
     *load += hold.load_share * (force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
 }
 
-/* pliant_tled_pull, and its load to the outcome */
+/* Do the same as pliant_tled_pull, and add the load to the outcome. */
 static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, double *d_u, double *d_d, gpu_tool_work *work)
 {
     const gpu_frame *frame = &work->frame;
@@ -168,9 +171,9 @@ static __device__ void pull(const gpu_tled &tled, double factor, int32_t parts, 
     if (threadIdx.x == 0) tled.d_outcome->tool_load = load;
 }
 
-/* What moves held nodes after all others: the tools, contacts, then walls and limits as for any node. Their part of the
- * residual; each thread tells whether one of its own moved faster than sound. @param made sub-steps of this part of the
- * frame before this one */
+/* Move held nodes after all others: by tools, by contacts, and then by walls and limits like any node. residual: out:
+ * their part of the residual. Return, per thread, whether one of its nodes moved faster than sound.
+ * @param made  Sub-steps of this part of the frame before this one. */
 static __device__ __forceinline__ bool pull_and_settle(const gpu_tled &tled, double factor, int32_t parts, int32_t made, double *d_u, double *d_d,
                                                        gpu_tool_work *work, const gpu_touch_room &room, double *residual)
 {

@@ -74,7 +74,7 @@ static pliant_status make_nodes(const pliant_tled *tled, gpu_touching *touching)
     return PLIANT_OK;
 }
 
-/* The nodes of points, in the order in which they come; the level of every point. */
+/* List the nodes of the points in the order of their first use, and find the level of every point. */
 static void find_levels(const pliant_contacts *contacts, gpu_touching *touching)
 {
     for (int32_t n = 0; n < touching->num_near; n++) touching->place[touching->near[n]] = -1;
@@ -97,7 +97,7 @@ static void find_levels(const pliant_contacts *contacts, gpu_touching *touching)
     }
 }
 
-/* within a level in the host's order */
+/* Sort the points by level, and within a level in the host's order. */
 static void sort_points(const pliant_contacts *contacts, gpu_touching *touching)
 {
     int32_t *first = touching->h_level;
@@ -109,7 +109,7 @@ static void sort_points(const pliant_contacts *contacts, gpu_touching *touching)
     first[touching->num_levels] = contacts->count;
 }
 
-/* What is put right in shared memory, beside what the kernel has anyway: as long as there is room. */
+/* Use shared memory for the contacts if it suffices, in addition to the kernel's static shared memory. */
 static pliant_status choose_memory(const gpu_touching *touching, gpu_tled *gpu)
 {
     int device = 0, most = 0;

@@ -1,15 +1,15 @@
-/* Contacts in a sub-step, by all threads of one block: as pliant_tled_touch_all. */
+/* Contacts in a sub-step, by all threads of one block, as in pliant_tled_touch_all. */
 #ifndef PLIANT_CUDA_TLED_TOUCH_CUH
 #define PLIANT_CUDA_TLED_TOUCH_CUH
 
 #include "cuda/fem/dynamics/tled_state.h"
 
-/* Where points are put right: shared memory, or where they are. */
+/* Memory in which points are corrected: shared memory, or global memory. */
 typedef struct gpu_touch_room {
     bool shared;
     pliant_contact_point *point;
     pliant_tled_touch *touch;
-    double *rest, *u, *d, *acceleration, *inverse_mass; /* of the nodes near */
+    double *rest, *u, *d, *acceleration, *inverse_mass; /* of the points' nodes */
 } gpu_touch_room;
 
 static __device__ gpu_touch_room make_touch_room(const gpu_tled &tled, bool shared, double *block)
@@ -34,7 +34,7 @@ static __device__ __forceinline__ void copy_numbers(const void *from, void *to, 
         static_cast<unsigned long long *>(to)[m] = static_cast<const unsigned long long *>(from)[m];
 }
 
-/* Nodes that points have, before: to the room; after: from it. */
+/* Copy the points' nodes to this memory, and back after the corrections. */
 static __device__ void load_near(const gpu_tled &tled, int32_t count, const double *d_u, const double *d_d, const gpu_touch_room &room)
 {
     for (int32_t i = (int32_t)threadIdx.x; i < 3 * count; i += GPU_THREADS) {
@@ -58,8 +58,8 @@ static __device__ void store_near(const gpu_tled &tled, int32_t count, double *d
     }
 }
 
-/* A level after the other; returns this thread's part of the load. made: sub-steps of this part of the frame before
- * this one */
+/* Correct the points level by level, and return this thread's part of the load. made: sub-steps of this part of the
+ * frame before this one. */
 static __device__ double touch_all(const gpu_tled &tled, const gpu_frame &frame, double factor, int32_t made, double *d_u, double *d_d, const gpu_touch_room &room)
 {
     const pliant_touch_time time = pliant_touch_time_of(tled.still, factor, frame.substeps, made);

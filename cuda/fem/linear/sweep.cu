@@ -3,8 +3,8 @@
 
 enum { THREADS = 256 };
 
-/* ---- symmetric sweep of SWEEP unknowns at a time: after all of them the tiles hold minus the inverse
- * P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
+/* ---- Symmetric sweep over SWEEP unknowns at a time. After all unknowns the tiles hold minus the inverse.
+ *     P = A_kk^-1, C = A_ik, B = C P;  A_ij -= B_i C_j',  A_ik = B,  A_kk = -P */
 
 static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, const double *whole, double share, double *pivot, int *failed)
 {
@@ -38,7 +38,7 @@ static __global__ void __launch_bounds__(THREADS) pivot_kernel(double *tile, con
     }
 }
 
-/* sum over m of left[r][m] * right[c][m] for 4 x 4 numbers a thread */
+/* Compute the sum over m of left[r][m] * right[c][m], for 4 x 4 numbers per thread. */
 static __device__ __forceinline__ void multiply(const double *left, const double *right, double sum[4][4])
 {
     enum { DEEP = 16 };
@@ -85,7 +85,7 @@ static __global__ void __launch_bounds__(THREADS) panel_kernel(double *tiles, in
         }
 }
 
-/* columns of pivots only: no other is looked at later */
+/* only columns of pivots, since later sweeps read no others */
 static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, int k, const double *old, const double *panel)
 {
     int i = (int)blockIdx.y, j = (int)blockIdx.x;

@@ -94,9 +94,9 @@ static __global__ void __launch_bounds__(ONE_BLOCK) spring_kernel(gpu_touch_view
     }
 }
 
-/* ---- evaluations */
+/* ---- Evaluations. */
 
-/* A warp a piece: how the forces of all points move it. */
+/* Compute the motion of the pieces under all contact forces, one warp per piece. */
 static __device__ void move_pieces(const gpu_touch_view &view)
 {
     const int lane = (int)threadIdx.x % 32;
@@ -133,14 +133,14 @@ static __global__ void __launch_bounds__(ONE_BLOCK) load_kernel(const gpu_touch_
     }
 }
 
-/* motion of a point in its frame += with the pieces that it is of */
+/* Add the motion of a point's pieces to the point's motion, in its frame. */
 static __device__ void move_with_pieces(const gpu_touch_view &view, int c, double motion[3])
 {
     for (int a = view.d_arm_start[c]; a < view.d_arm_start[c + 1]; a++)
         pliant_arm_move(view.d_arm + a, view.d_frame + 9 * (size_t)c, view.d_piece_moved + 6 * (size_t)view.d_arm[a].moving, motion);
 }
 
-/* by a warp: one of the points */
+/* Measure the motion of one point, with one warp. */
 static __device__ void measure_point(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int c, double *out)
 {
     const int lane = (int)threadIdx.x % 32;
@@ -171,7 +171,7 @@ static __device__ void measure_point(const gpu_touch_view &view, const gpu_itera
     }
 }
 
-/* by a warp: what a spring holds */
+/* Measure the motion of a spring's held point, with one warp. */
 static __device__ void measure_spring(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state, int s, double *out)
 {
     const int lane = (int)threadIdx.x % 32, target = gpu_target(&state), t = view.spring[s];
@@ -200,7 +200,7 @@ static __global__ void __launch_bounds__(THREADS) measure_kernel(gpu_touch_view 
     else if (at < view.count + view.num_springs && !state.done) measure_spring(view, iteration, state, at - view.count, view.d_motion);
 }
 
-/* W' dl in the nodes' axes, to the residual, too; by one block */
+/* Compute W' dl in the nodes' axes and add it to the residual, with one block. */
 static __device__ void pull(const gpu_touch_view &view, const gpu_iteration &iteration, const gpu_state &state)
 {
     double *residual = iteration.d_residual[gpu_target(&state)];
@@ -222,7 +222,7 @@ static __global__ void __launch_bounds__(ONE_BLOCK) pull_kernel(gpu_touch_view v
     if (!iteration.d_state->done) pull(view, iteration, *iteration.d_state);
 }
 
-/* Where a problem of the cones is: in shared memory, as much of it as there is room for. The rest stays where it is. */
+/* Place the cone problem in shared memory, up to its size. The rest stays in global memory. */
 static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *shared, size_t room)
 {
     pliant_cones on;
@@ -240,7 +240,7 @@ static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *s
     next += on.equations == next ? row * (row + 1) : 0;
     on.matrix = next + row * row <= end ? next : view.d_matrix;
     if (on.matrix != next) return on;
-    for (size_t i = threadIdx.x; i < row * row; i += COPIES * CONE_THREADS) { /* on their way together */
+    for (size_t i = threadIdx.x; i < row * row; i += COPIES * CONE_THREADS) { /* several loads in flight at once */
         double some[COPIES];
         for (size_t c = 0; c < COPIES; c++) some[c] = i + c * CONE_THREADS < row * row ? view.d_matrix[i + c * CONE_THREADS] : 0;
         for (size_t c = 0; c < COPIES; c++)
@@ -249,7 +249,8 @@ static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *s
     return on;
 }
 
-/* An evaluation's forces, by one block: from the free step to what they pull with. Where that is none, they stay. */
+/* Compute the contact forces of an evaluation from the free step, and their pull, with one block. If no finite forces
+ * are found, the old forces stay. */
 static __global__ void __launch_bounds__(CONE_THREADS) cones_kernel(const gpu_touch_view *d_view, gpu_iteration iteration, int room)
 {
     extern __shared__ double shared[];
@@ -279,7 +280,7 @@ static __global__ void __launch_bounds__(CONE_THREADS) cones_kernel(const gpu_to
     pull(view, iteration, state);
 }
 
-/* Columns times that, to the free step: a group of threads a part of the columns. */
+/* Multiply the columns by the pull and add the result to the free step. Groups of threads divide the columns. */
 static __global__ void __launch_bounds__(LANES_OF_STEP * GROUPS) push_kernel(const gpu_touch_view *d_view, gpu_iteration iteration)
 {
     __shared__ double sums[GROUPS][LANES_OF_STEP];
@@ -302,14 +303,14 @@ static __global__ void __launch_bounds__(LANES_OF_STEP * GROUPS) push_kernel(con
     iteration.d_left[i] = (float)(iteration.d_left[i] + sum);
 }
 
-/* ---- launches */
+/* ---- Kernel launches. */
 
 static unsigned blocks_for(int count, int threads) { return (unsigned)((count + threads - 1) / threads); }
 
 extern "C" pliant_status pliant_cuda_touch_begin(const gpu_touch_view *view, const gpu_iteration *iteration, cudaStream_t stream)
 {
     const unsigned pairs = blocks_for(view->count, PAIRS);
-    if (view->num_weights > 0) { /* else pieces alone touch */
+    if (view->num_weights > 0) { /* otherwise only pieces are in contact */
         turn_kernel<<<blocks_for(view->num_weights, THREADS), THREADS, 0, stream>>>(*view, *iteration);
         CUDA_TRY(CUDA_LAUNCHED("turn_kernel"));
     }
