@@ -266,7 +266,7 @@ static __device__ long long sum_of(long long value)
     return value;
 }
 
-/* whole numbers again */
+/* Integer sums do not depend on the order. */
 __global__ void tally_kernel(const gpu_segment segment, double quantum, gpu_tally *d_tallies)
 {
     const int32_t v = (int32_t)(blockIdx.x * blockDim.x + threadIdx.x);

@@ -1,8 +1,8 @@
-/* Values to bins: their range, counts, noise, and the sigma filter. */
+/* Conversion of values to bins: range, counts, noise, and the sigma filter. */
 #include "cuda/base/check.h"
 #include "cuda/scan/segment_value.cuh"
 
-/* integers in the order of the floats */
+/* Map floats to integers in the same order. */
 static __device__ uint32_t ordered(float value)
 {
     const uint32_t bits = __float_as_uint(value);
@@ -67,7 +67,7 @@ __global__ void __launch_bounds__(SEGMENT_THREADS) noise_kernel(const gpu_segmen
     flush_counts(count, segment.d_count);
 }
 
-/* smooth of src/scan/segment.c; a row of voxels at a time */
+/* As smooth of src/scan/segment.c, one row of voxels at a time. */
 __global__ void __launch_bounds__(SEGMENT_THREADS) smooth_kernel(const gpu_segment segment, int reach)
 {
     __shared__ uint32_t count[SEGMENT_BINS];

@@ -13,21 +13,21 @@ enum { NONE = 255, NUM_16 = 65536, MAX_LISTED = 16 };
 _Static_assert((int)PLIANT_MAX_MATERIALS <= (int)NONE,
                "one byte tells the material, one value of it tells that there is none");
 
-/* One intensity range, and the material that it stands for. */
+/* An intensity range and its material. */
 typedef struct range {
     double low, high;
     uint8_t material;
 } range;
 
-/* The table turned round: from what a voxel holds to its material. */
+/* The inverted table: from the value or label of a voxel to its material. */
 typedef struct lookup {
     uint8_t of_label[NUM_16];
-    uint8_t of_stored[NUM_16]; /* integer scans, by the bits of the stored value */
+    uint8_t of_stored[NUM_16]; /* integer scans: by the bits of the stored value */
     range ranges[PLIANT_MAX_MATERIALS]; /* ascending */
     int num_ranges;
 } lookup;
 
-/* NaN lies in no range */
+/* Return the material of a value; NaN is in no range. */
 static uint8_t of_value(const lookup *l, double value)
 {
     int below = 0, above = l->num_ranges;
@@ -62,7 +62,7 @@ static void fill(const pliant_material_table *table, const pliant_volume *scan, 
 
 static inline uint8_t of_voxel(const lookup *l, const pliant_volume *scan, const uint16_t *labels, size_t v)
 {
-    /* a label that has no material is an error, never a matter for the intensity */
+    /* A label without a material is an error; the intensity is not used instead. */
     if (labels && labels[v]) return l->of_label[labels[v]];
     switch (scan->encoding) {
     case PLIANT_UINT8: return l->of_stored[((const uint8_t *)scan->voxels)[v]];
@@ -72,7 +72,7 @@ static inline uint8_t of_voxel(const lookup *l, const pliant_volume *scan, const
     return of_value(l, scan->slope * ((const float *)scan->voxels)[v] + scan->intercept);
 }
 
-/* A list in words that stops when it has grown long. */
+/* A list in words with a maximum length. */
 typedef struct listing {
     char text[1200];
     size_t used;
@@ -98,7 +98,7 @@ static void finish(listing *list)
         snprintf(list->text + list->used, sizeof list->text - list->used, " and %d more", list->items - list->listed);
 }
 
-/* True if names decide materials, false if ids of classes do. */
+/* Return true if names decide materials, false if class ids do. */
 static bool has_segments(const pliant_labels *labels) { return labels->num_segments > 0 && !labels->segments[0].is_class; }
 
 static void list_segments(const lookup *l, const pliant_material_table *table, const pliant_labels *labels,
@@ -135,7 +135,7 @@ static void list_labels(const lookup *l, const pliant_material_table *table, con
     finish(list);
 }
 
-/* counts[g] is of the gap before range g, the last one of the values that are not a number */
+/* List values without a material. counts[g] belongs to the gap before range g; the last one belongs to NaN. */
 static void list_gaps(const lookup *l, const pliant_volume *scan, const uint16_t *labels, uint64_t *counts,
                       listing *list)
 {
@@ -201,7 +201,7 @@ pliant_status pliant_material_classify(const pliant_material_table *table, const
 
     const uint16_t *label = labels ? labels->voxels : NULL;
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
-    /* a first pass, so that nothing is written when a material is missing */
+    /* a first pass, so that nothing is written if a material is missing */
     int missing = 0;
 #pragma omp parallel for schedule(static) reduction(| : missing)
     for (ptrdiff_t v = 0; v < voxels; ++v) missing |= of_voxel(l, scan, label, (size_t)v) == NONE;

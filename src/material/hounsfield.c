@@ -1,4 +1,4 @@
-/* Whether a scan's values are the Hounsfield units that the built-in material table is written in. */
+/* Checks whether a scan's values are Hounsfield units, as the built-in material table requires. */
 #include "base/fail.h"
 #include "pliant/material.h"
 
@@ -6,8 +6,8 @@
 
 enum { PERCENTILES = 101 };
 
-/* Between air and tissue: the threshold that divides the percentiles into the two groups that lie farthest apart,
- * weighed by their sizes (N. Otsu, A threshold selection method from gray-level histograms, 1979). */
+/* Return the threshold between air and tissue: it divides the percentiles into the two groups with the maximum
+ * distance, weighted by their sizes (N. Otsu, A threshold selection method from gray-level histograms, 1979). */
 static double air_threshold(const double value[PERCENTILES])
 {
     double all = 0, below = 0, best = -1, threshold = value[0];
@@ -22,9 +22,9 @@ static double air_threshold(const double value[PERCENTILES])
     return threshold;
 }
 
-/* Fat, lung and the air around a body lie below this [HU], in the built-in table as in every CT. */
+/* Fat, lung and the air around a body are below this value [HU], in the built-in table as in every CT. */
 static const double darkest_soft_tissue = -20;
-/* Neither tissue nor metal lies above this [HU]: 32767 and 64511 are what unsigned or converted padding looks like. */
+/* Tissue and metal are below this value [HU]. Unsigned or converted padding has values such as 32767 and 64511. */
 static const double brightest_metal = 31000;
 static const double least_part = 1e-3;
 

@@ -2,7 +2,7 @@
 
 #include <stddef.h>
 
-enum { REACH = 2 }; /* voxels that a scanner blurs a border over, to either side */
+enum { REACH = 2 }; /* voxels over which a scanner blurs a border, on either side */
 
 typedef struct grid {
     const pliant_material_table *table;
@@ -10,7 +10,7 @@ typedef struct grid {
     const uint8_t *voxels;
 } grid;
 
-/* Return the material at a distance along a direction. -1: there is no voxel. */
+/* Return the material at a distance along a direction; -1: outside of the volume. */
 static int material_at(const grid *in, const int32_t at[3], const int32_t way[3], int far)
 {
     size_t voxel = 0, pitch = 1;
@@ -30,7 +30,7 @@ static bool is_heavy(const grid *in, int material, double density)
     return !is_empty(in, material) && in->table->materials[material].density > 2 * density;
 }
 
-/* Return the distance of the first voxel along a direction that is heavy. 0: it is too far, or air comes first. */
+/* Return the distance of the first dense voxel along a direction; 0: it is too far, or air comes first. */
 static int find_tissue(const grid *in, const int32_t at[3], const int32_t way[3], double density)
 {
     for (int far = 1; far <= REACH; far++) {
@@ -41,7 +41,7 @@ static int find_tissue(const grid *in, const int32_t at[3], const int32_t way[3]
     return 0;
 }
 
-/* The same of air, which is two voxels deep: one alone is noise in a light tissue. */
+/* Return the same distance for air that is two voxels deep. A single voxel is noise in light tissue. */
 static int find_air(const grid *in, const int32_t at[3], const int32_t way[3], double density)
 {
     for (int far = 1; far <= REACH; far++) {
@@ -60,7 +60,7 @@ uint8_t pliant_material_shown(const pliant_material_table *table, const int32_t 
     int nearest = 2 * REACH + 1, found = own;
     if (is_empty(&in, own)) return (uint8_t)own;
     const double density = table->materials[own].density;
-    /* faces first, then edges, then corners */
+    /* Test directions to faces first, then edges, then corners. */
     for (int sides = 1; sides <= 3; sides++)
         for (int n = 0; n < 27; n++) {
             const int32_t way[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1}, back[3] = {-way[0], -way[1], -way[2]};

@@ -1,4 +1,4 @@
-/* Voxels that tissue shares with air (partial volume). By their intensity they look like a lighter material, such as
+/* Voxels that contain both tissue and air (partial volume). Their intensity resembles a lighter material, such as
  * lung. */
 #ifndef PLIANT_MATERIAL_MIXED_H
 #define PLIANT_MATERIAL_MIXED_H
@@ -9,9 +9,10 @@
 extern "C" {
 #endif
 
-/* Return the material of a voxel as pictures show it. A voxel in a layer of at most 3 voxels between air (an empty
- * material) and a tissue of more than twice its density has the material of that tissue; all others have their own.
- * @param at voxel along i, j, k */
+/* Return the material of a voxel for pictures. Layers of at most 3 voxels between air (an empty material) and much
+ * denser tissue get the tissue's material. "Much denser" means more than twice the voxel's density. All other voxels
+ * keep their material.
+ * @param at  Voxel along i, j, k. */
 uint8_t pliant_material_shown(const pliant_material_table *table, const int32_t size[3], const uint8_t *material_of_voxel, const int32_t at[3]);
 
 #ifdef __cplusplus

@@ -6,10 +6,10 @@
 
 enum { LONGEST = 64, MAX_WORDS = 32 };
 
-/* A name as lower-case words without anything between them. */
+/* A name as lower-case words without separators. */
 typedef struct words {
     char text[LONGEST];
-    const char *word[MAX_WORDS]; /* in text, in the order of the alphabet */
+    const char *word[MAX_WORDS]; /* in text, in alphabetical order */
     size_t length[MAX_WORDS];
     int count;
 } words;
@@ -61,7 +61,7 @@ bool pliant_same_name(const char *a, const char *b)
     return same_words(&first, &second);
 }
 
-/* A name that is equal letter by letter goes first. */
+/* Find a material by name. An exact match has priority. */
 int pliant_material_named(const pliant_material_table *table, const char *name)
 {
     words wanted;
@@ -93,7 +93,7 @@ static int find_label(const pliant_material_table *table, uint32_t label)
     return -1;
 }
 
-/* Programs number new segments: "Segment_3", "Label 3", "". */
+/* Return whether a name is a default name of a program: "Segment_3", "Label 3", "". */
 static bool is_numbered(const char *name)
 {
     words w;
@@ -130,7 +130,7 @@ int pliant_material_of_segment(const pliant_material_table *table, const pliant_
     return pliant_segment_match_of(table, segment, &match);
 }
 
-/* Edits that make one name of the other (V. Levenshtein, Soviet Physics Doklady 10:707, 1966); 1 if one holds the
+/* Return the edit distance of two names (V. Levenshtein, Soviet Physics Doklady 10:707, 1966); 1 if one contains the
  * other. */
 static int distance(const char *a, const char *b)
 {

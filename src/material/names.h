@@ -12,7 +12,7 @@ extern "C" {
  * "kidney_left". */
 bool pliant_same_name(const char *a, const char *b);
 
-/* What decided the material of a segment. */
+/* The property that decided the material of a segment. */
 typedef enum pliant_segment_match {
     PLIANT_SEGMENT_UNKNOWN,
     PLIANT_SEGMENT_BY_NAME,
@@ -21,16 +21,17 @@ typedef enum pliant_segment_match {
     PLIANT_SEGMENT_BY_VALUE
 } pliant_segment_match;
 
-/* As pliant_material_of_segment. @param match out, what decided */
+/* Do the same as pliant_material_of_segment.
+ * @param match  Out: the deciding property. */
 int pliant_segment_match_of(const pliant_material_table *table, const pliant_label_segment *segment, pliant_segment_match *match);
 
 /* Return the index of the material that has a name, or lists it under segments; -1: none. */
 int pliant_material_named(const pliant_material_table *table, const char *name);
 
-/* Write the at most three names of a table that are nearest to a name: "liver, liver_vessels". */
+/* Write up to three names of the table that are similar to a name: "liver, liver_vessels". */
 void pliant_nearest_names(const pliant_material_table *table, const char *name, char *out, size_t size);
 
-/* Log how many voxels have each material, and of which labels or segments they are. Errors: MEMORY. */
+/* Log the number of voxels of each material, with their labels or segments. Errors: MEMORY. */
 pliant_status pliant_material_log_usage(const pliant_material_table *table, const pliant_volume *scan, const pliant_labels *labels,
                                         const uint8_t *material_of_voxel);
 

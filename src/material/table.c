@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* The document as it stands, before its numbers are read. */
+/* The document before its numbers are parsed. */
 typedef struct text_material {
     char *name, *young_modulus, *poisson_ratio, *density, *toughness, *fixed, *empty;
     char **range;
@@ -55,9 +55,9 @@ static const cyaml_schema_field_t table_fields[] = {
 };
 static const cyaml_schema_value_t table_value = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, text_table, table_fields)};
 
-/* Where a table comes from, for messages. */
+/* Origin of a table, for messages. */
 typedef struct origin {
-    const char *name; /* of the file */
+    const char *name; /* file name */
     const char *text; /* Nullable: not read from text */
 } origin;
 
@@ -70,7 +70,7 @@ static pliant_status refuse(const origin *from, uint32_t index, const char *mate
                        reason);
 }
 
-/* One number of one material; writes "field: 'text' is not a number" into reason. */
+/* Read a number of a material. After an error, reason is "field: 'text' is not a number". */
 static bool read_number(const char *field, const char *text, double *out, char *reason, size_t size)
 {
     if (pliant_parse_real(text, out)) return true;
@@ -126,7 +126,7 @@ static bool read_material(const text_material *text, pliant_material *out, char 
     return true;
 }
 
-/* What is wrong with a material by itself. */
+/* Check a material alone, and describe an error in reason. */
 static bool check_material(const pliant_material *m, char *reason, size_t size)
 {
     reason[0] = 0;
@@ -159,7 +159,7 @@ static bool check_material(const pliant_material *m, char *reason, size_t size)
     return !reason[0];
 }
 
-/* Whether one of the names of segments of a material is the name of a later material. */
+/* Return whether a segment name of a material is the name of a later material. */
 static bool names_segment(const pliant_material *m, const char *name, char *reason, size_t size)
 {
     for (uint32_t i = 0; i < m->num_segments; ++i)
@@ -170,7 +170,7 @@ static bool names_segment(const pliant_material *m, const char *name, char *reas
     return false;
 }
 
-/* What is wrong between a material and an earlier (or, for labels, the same) one. */
+/* Check a material against an earlier one, or for labels against itself. */
 static bool check_pair(const pliant_material *a, const pliant_material *b, char *reason, size_t size)
 {
     if (a != b && strcmp(a->name, b->name) == 0) {

@@ -1,4 +1,4 @@
-/* Materials as YAML: what table.c reads. */
+/* Writes materials as YAML that table.c reads. */
 #include "pliant/session.h"
 #include "scene/yaml.h"
 

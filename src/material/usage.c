@@ -1,4 +1,4 @@
-/* Which labels and segments have which material: what a user checks after loading a segmentation. */
+/* Logs the material of each label and segment, for a check after loading a segmentation. */
 #include "material/names.h"
 
 #include "base/fail.h"
@@ -8,7 +8,7 @@
 
 enum { NUM_16 = 65536 };
 
-/* A line of text that stops where its room ends. */
+/* A line of text with a maximum length. */
 typedef struct line {
     char text[1700];
     size_t used;
@@ -57,7 +57,7 @@ static void add_segment(line *out, const pliant_material_table *table, const pli
     add(out, item);
 }
 
-/* What is counted: voxels of every label (0: by intensity) and their material. */
+/* Number of voxels of every label (0: by intensity), and its material. */
 typedef struct usage {
     uint64_t of_label[NUM_16];
     uint8_t material[NUM_16];
@@ -90,7 +90,7 @@ static void log_material(const pliant_material_table *table, const pliant_labels
                1e6 * (double)total * voxel, out.text, out.left_out ? item : "");
 }
 
-/* A table of another task gives classes to other materials than their names say. */
+/* Warn if classes have other materials than their names suggest, as with the table of another task. */
 static void warn_of_names(const pliant_material_table *table, const pliant_labels *labels, const usage *used)
 {
     line out = {.used = 0};

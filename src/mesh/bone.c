@@ -1,14 +1,13 @@
-/* Nodes on the surface of what is fixed ([H] 4.2, figure 6: regularly sampled nodes together with nodes on the surface
- * of segmented bones).
+/* Places nodes on the surface of fixed tissue ([H] 4.2, figure 6: regularly sampled nodes together with nodes on the
+ * surface of segmented bones).
  *
- * The surface is made of the faces between fixed voxels and others. A node beside it is moved to its nearest point when
- * an edge that leaves the node crosses the surface, the nearest nodes first, and only when every tetrahedron around it
- * stays at least as good as PLIANT_BONE_QUALITY. So there are as many nodes and tetrahedra as before, joined as before,
- * and of an edge that crosses the surface one end comes to lie on it. (Labelle and Shewchuk 2007 fill space with a
- * lattice in the same way, and then cut what still crosses; here that stays as it is, and is counted.) Nodes of the
- * scan's box slide in its sides; those beside tetrahedra that were left out stay.
+ * The surface consists of the faces between fixed voxels and others. An edge may cross it. A node of such an edge is
+ * moved to its nearest surface point, if every adjacent tetrahedron stays at least as good as PLIANT_BONE_QUALITY. The
+ * nearest nodes come first. Nodes, tetrahedra and connectivity stay the same. Labelle and Shewchuk 2007 fill space with
+ * a lattice in the same way, and then cut the remaining crossing edges; here these edges are only counted. Nodes on the
+ * scan's box slide along its sides. Nodes next to left-out tetrahedra stay.
  *
- * All lengths are in units of cells along the axes of the scan, in which the lattice is made of unit cubes. */
+ * All lengths are in units of cells along the scan's axes, where the lattice consists of unit cubes. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/mesh.h"
@@ -17,8 +16,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* How far a node may go: half the longest edge of a unit cube's tetrahedra, so that of any edge that crosses one end is
- * near enough. */
+/* Maximum motion of a node: half the longest edge of a unit cube's tetrahedra. One end of every crossing edge is then
+ * close enough. */
 static const double reach = 0.70710678118654752;
 static const double on_surface = 1e-9;
 
@@ -26,11 +25,11 @@ typedef struct bone_work {
     const pliant_geometry *geometry;
     const uint8_t *fixed_voxel;
     pliant_mesh *mesh;
-    double voxels[3];          /* in a cell, along each axis */
+    double voxels[3];          /* per cell, along each axis */
     int32_t *start, *around;   /* tetrahedra of every node */
     double (*at)[3], (*target)[3];
-    double *apart;             /* (nodes) squared way to the target; INFINITY: the node stays */
-    uint8_t *held;             /* (nodes) beside a tetrahedron that was left out */
+    double *apart;             /* (nodes) squared distance to the target; INFINITY: the node stays */
+    uint8_t *held;             /* (nodes) nonzero: next to a left-out tetrahedron */
     uint8_t *place;            /* (nodes) pliant_bone_place */
     struct candidate { double apart; int32_t node; } *candidates;
 } bone_work;
@@ -51,7 +50,7 @@ static bool fixed_at(const bone_work *work, const double at[3])
     return is_fixed(work, v);
 }
 
-/* the nearest point of a rectangle of the surface: between voxel v and the next one along an axis */
+/* Test the nearest point of a rectangle of the surface, between voxel v and the next one along an axis. */
 static void try_face(const bone_work *work, int32_t node, const int32_t v[3], int axis)
 {
     double point[3], apart = 0;
@@ -59,7 +58,7 @@ static void try_face(const bone_work *work, int32_t node, const int32_t v[3], in
         double at = work->at[node][d], low = v[d] / work->voxels[d], high = (v[d] + 1) / work->voxels[d];
         point[d] = d == axis ? high : fmin(fmax(at, low), high);
         bool side = at == 0 || at == work->mesh->cells[d];
-        if (side && fabs(point[d] - at) > on_surface) return; /* off the side of the box */
+        if (side && fabs(point[d] - at) > on_surface) return; /* would leave the side of the box */
         apart += (point[d] - at) * (point[d] - at);
     }
     if (apart >= work->apart[node]) return;
@@ -87,8 +86,8 @@ static void find_target(const bone_work *work, int32_t node)
     if (work->held[node] && work->apart[node] > on_surface * on_surface) work->apart[node] = INFINITY;
 }
 
-/* 1 for a regular tetrahedron, 0 for a flat one: 6 sqrt(2) V over the cubed root mean square of the edges
- * (Parthasarathy et al. 1994) */
+/* Return the quality: 1 for a regular tetrahedron, 0 for a flat one. It is 6 sqrt(2) V divided by the cubed root mean
+ * square of the edges (Parthasarathy et al. 1994). */
 static double quality_of(const bone_work *work, const int32_t nodes[4])
 {
     double edges[3][3], sum = 0;
@@ -105,7 +104,7 @@ static double quality_of(const bone_work *work, const int32_t nodes[4])
     return sqrt(2) * determinant / pow(sum / 6, 1.5);
 }
 
-/* as the lattice has it: positive in a right-handed scan */
+/* Return the sign of a lattice tetrahedron's volume: positive in a right-handed scan. */
 static double sign_of(const pliant_mesh *mesh)
 {
     const double *m = mesh->direction;
@@ -127,7 +126,8 @@ static bool try_move(const bone_work *work, int32_t node)
     return true;
 }
 
-/* What moves on one side of what is fixed on the other, or something fixed between two nodes that move. */
+/* Return whether an edge crosses the surface: its ends are on different sides, or fixed tissue is between two free
+ * ends. */
 static bool crosses(const bone_work *work, int32_t a, int32_t b)
 {
     if (work->place[a] == PLIANT_BONE_SURFACE || work->place[b] == PLIANT_BONE_SURFACE) return false;
@@ -215,7 +215,7 @@ static int32_t move_nodes(bone_work *work)
         if (work->place[n] != PLIANT_BONE_SURFACE && work->apart[n] < INFINITY)
             work->candidates[count++] = (struct candidate){work->apart[n], n};
     qsort(work->candidates, (size_t)count, sizeof *work->candidates, nearest_first);
-    for (int pass = 0; pass < 2; pass++) /* what could not move may have more room afterwards */
+    for (int pass = 0; pass < 2; pass++) /* nodes that could not move may move after others */
         for (int32_t c = 0; c < count; c++) {
             int32_t node = work->candidates[c].node;
             if (work->place[node] != PLIANT_BONE_SURFACE && any_crosses(work, node)) moved += try_move(work, node);

@@ -1,4 +1,4 @@
-/* Faces of a tetrahedral mesh: who is across, what is outside, which pieces hang together and on what they rest. */
+/* Faces of a tetrahedral mesh: neighbours, surface, connected pieces and their supports. */
 #include "mesh/faces.h"
 
 #include "base/fail.h"
@@ -19,26 +19,27 @@ static void sorted_face(const int32_t *nodes, int face, int32_t out[3])
             }
 }
 
-/* whether the corners of a face, seen from outside, run as its nodes ascend: of two tetrahedra with it, those of one
- * do */
+/* Return whether the corners of a face, seen from outside, are in cyclic ascending order. It is true for one of two
+ * tetrahedra with a common face. */
 static bool runs_up(const int32_t *nodes, int face)
 {
     const int32_t a = nodes[pliant_face_corners[face][0]], b = nodes[pliant_face_corners[face][1]], c = nodes[pliant_face_corners[face][2]];
     return (a < b && b < c) || (b < c && c < a) || (c < a && a < b);
 }
 
-/* whether two on one side of a face are fragments of one: their fourth nodes have one place on the lattice */
+/* Return whether two tetrahedra on one side of a face are fragments of one tetrahedron. Their fourth nodes then have
+ * the same lattice position. */
 static bool fragments_of_one(const pliant_mesh *mesh, int32_t a, int32_t b)
 {
     return mesh->lattice_of_node[mesh->tets[a]] == mesh->lattice_of_node[mesh->tets[b]];
 }
 
-/* A face in the bucket of its smallest node, and its other two, ascending. */
+/* A face in the bucket of its smallest node, with its two other nodes, ascending. */
 typedef struct listed_face {
     int32_t face, second, third;
 } listed_face;
 
-/* Few faces share a bucket, in which they are in order: they are found by comparing. */
+/* Pair the faces of a bucket. They are sorted and few, so direct comparison suffices. */
 static pliant_status pair_faces(const pliant_mesh *mesh, const listed_face *faces, int32_t count, int32_t smallest, int32_t *neighbours)
 {
     for (int32_t a = 0; a < count; a++)
@@ -112,7 +113,8 @@ static int32_t first_of(int32_t *piece, int32_t tet)
     return tet;
 }
 
-/* Label every tetrahedron with its piece, joined across faces, in the order of their first ones; returns how many. */
+/* Label every tetrahedron with its connected piece. Pieces are joined across faces and numbered by their first
+ * tetrahedra. Return the number of pieces. */
 static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, int32_t *piece)
 {
     int32_t pieces = 0;
@@ -127,11 +129,11 @@ static int32_t label_pieces(const pliant_mesh *mesh, const int32_t *neighbours, 
     return pieces;
 }
 
-/* What a piece rests on so far: up to three points that span a triangle. */
+/* Fixed support of a piece so far: up to three points that span a triangle. */
 typedef struct footing {
     int count;
     const double *point[3];
-    bool firm, fresh;   /* since this sweep */
+    bool firm, fresh;   /* supported; became supported in this sweep */
     int32_t tets;
 } footing;
 
@@ -155,7 +157,8 @@ static void stand_on(footing *foot, const double *point, double length)
     foot->point[foot->count++] = point;
 }
 
-/* one sweep: pieces stand on fixed nodes and on nodes of firm pieces; true when a piece became firm */
+/* Run one sweep: fixed nodes and nodes of supported pieces support other pieces. Return whether a piece became
+ * supported. */
 static bool find_footing(const pliant_mesh *mesh, const int32_t *piece, uint8_t *firm_node, footing *feet, int32_t pieces)
 {
     double length = mesh->cell_size[0] + mesh->cell_size[1] + mesh->cell_size[2];

@@ -1,7 +1,7 @@
-/* Five tetrahedra per cube with alternating parity. Corners of a cube are numbered by bits: 1 along i, 2 along j, 4
- * along k. In a cube of parity 0 the central tetrahedron takes the corners with an even number of bits, in one of
- * parity 1 those with an odd number, so that the diagonals of shared faces meet. A grid refined by any integer factor
- * from the same corner nests exactly (fem/coarse/NUMERICS.md). */
+/* Lattice mesh with five tetrahedra per cube and alternating parity. Corners of a cube are numbered by bits: 1 along i,
+ * 2 along j, 4 along k. The central tetrahedron has the corners with an even number of bits in a cube of parity 0, and
+ * with an odd number in a cube of parity 1. The diagonals of shared faces therefore coincide. A grid refined by any
+ * integer factor from the same corner nests exactly (fem/coarse/NUMERICS.md). */
 #include "pliant/mesh.h"
 
 #include "base/fail.h"
@@ -48,7 +48,7 @@ int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, 
     return fine->node_of_lattice[pliant_mesh_lattice_in(fine, coarse, node)];
 }
 
-/* by the centroid */
+/* Find the coarse tetrahedron by the centroid. */
 int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet)
 {
     int32_t fine_cell = lattice_tet / 5, nx = cells[0] * ratio, ny = cells[1] * ratio;
@@ -103,8 +103,8 @@ static void node_position(const pliant_mesh *mesh, const int32_t at[3], double w
                    mesh->direction[3 * r + 2] * along[2];
 }
 
-/* Nodes of a lattice tetrahedron in the order that makes its volume positive. The determinant of the corner bits is
- * found once by integers; a left-handed scan turns it around. */
+/* List the nodes of a lattice tetrahedron in the order of positive volume. The sign follows from the corner bits, in
+ * integers. A left-handed scan inverts it. */
 static void oriented_nodes(const pliant_mesh *mesh, int32_t lattice_tet, bool flipped, int32_t nodes[4])
 {
     int32_t cell = lattice_tet / 5, nx = mesh->cells[0], ny = mesh->cells[1];
@@ -136,7 +136,7 @@ static pliant_status number_tets(pliant_mesh *mesh, const uint8_t *keep, int32_t
     return mesh->tets && mesh->lattice_of_tet ? PLIANT_OK : pliant_fail_memory("the tetrahedra");
 }
 
-/* nodes are numbered in lattice order, so that numbering does not depend on which tetrahedra are kept first */
+/* Number the nodes in lattice order, independent of the order of the kept tetrahedra. */
 static pliant_status number_nodes(pliant_mesh *mesh, int32_t lattice_tets, int32_t lattice_nodes)
 {
     bool flipped = pliant_determinant(mesh->direction) < 0;

@@ -1,9 +1,9 @@
-/* Materials of the voxels summed over tetrahedra ([H] 2.1). Every voxel belongs to the tetrahedron that holds its
- * centre, ties to the central one, so nothing is counted twice.
+/* Integrates the voxels' materials over tetrahedra ([H] 2.1). Every voxel belongs to the tetrahedron that contains its
+ * centre; ties go to the central tetrahedron. No voxel is counted twice.
  *
- * [H] writes Ke = v Be' (sum Ei) Be with v the volume of a voxel. That equals V Be' (mean Ei) Be when the voxels'
- * volumes sum to that of the tetrahedron; on a real grid they do so only nearly, and the patch test then fails by that
- * much. So the mean is kept here, and the element takes its own exact volume. */
+ * [H] writes Ke = v Be' (sum Ei) Be with the voxel volume v. It equals V Be' (mean Ei) Be if the voxels' volumes sum to
+ * the volume of the tetrahedron. On a real grid they do so only approximately, and the patch test fails by the
+ * difference. Therefore this file computes the mean, and the element uses its exact volume. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/mesh.h"
@@ -66,7 +66,7 @@ static void mean_of(const pliant_material_table *table, const uint32_t *count, p
     if (out->tissue > 1) out->tissue = 1;
 }
 
-/* smaller than a voxel: the voxel that holds the centroid */
+/* Use the voxel at the centroid if the tetrahedron is smaller than a voxel. */
 static void nearest_of(const pliant_geometry *geometry, const int32_t cells[3], const int32_t cell[3], int slot,
                        const uint8_t *material_of_voxel, const pliant_material_table *table, pliant_tet_material *out)
 {
@@ -145,7 +145,7 @@ pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32
     return status;
 }
 
-/* Tetrahedra with a node on bone, numbered; which cells hold them. */
+/* Tetrahedra with a node on bone, numbered, and the cells that contain them. */
 typedef struct touched {
     int32_t count;
     int32_t *number; /* (num_tets) or -1 */
@@ -162,7 +162,7 @@ static pliant_status touch(const pliant_mesh *mesh, touched *out)
         pliant_free(leaf);
         return pliant_fail_memory("the tetrahedra on bone");
     }
-    int32_t at = 0; /* leaf */
+    int32_t at = 0; /* leaf of the tetrahedron */
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         bool surface = false;
         for (int v = 0; v < 4; v++) surface = surface || mesh->place_of_node[mesh->tets[4 * t + v]] == PLIANT_BONE_SURFACE;
@@ -176,7 +176,7 @@ static pliant_status touch(const pliant_mesh *mesh, touched *out)
     return PLIANT_OK;
 }
 
-/* voxels of a cell, by material, to the tetrahedra that hold their centres */
+/* Count the voxels of a cell by material, for the tetrahedra that contain their centres. */
 static void count_moved(const pliant_mesh *mesh, const pliant_geometry *geometry, const axis_map maps[3], const int32_t cell[3],
                         const uint8_t *material_of_voxel, const int32_t *number, uint32_t num_materials, uint32_t *count)
 {
@@ -224,7 +224,7 @@ pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_
         }
         for (uint32_t m = 0; outside && leave_out_fixed && moving > 0 && m < table->num_materials; m++)
             if (table->materials[m].fixed) own[m] = 0;
-        if (all > 0) mean_of(table, own, out + t); /* smaller than a voxel: what the lattice's tetrahedron holds */
+        if (all > 0) mean_of(table, own, out + t); /* without any voxel: keeps the lattice tetrahedron's material */
     }
 done:
     for (int d = 0; d < 3; d++) axis_free(maps + d);

@@ -1,14 +1,14 @@
-/* Which tetrahedron holds a point, at rest by the lattice, deformed by a search. */
+/* Finds the tetrahedron that contains a point: at rest by the lattice, in the deformed mesh by a search. */
 #include "pliant/mesh.h"
 
 #include <math.h>
 
-/* Points on a face are inside both tetrahedra; rounding may not put them outside both. */
+/* Barycentric tolerance: rounding must not put a point on a common face outside of both tetrahedra. */
 static const double tolerance = 1e-9;
-/* of a cell: what single precision of a scan's header makes of a surface's place */
+/* In cells: error of a surface position due to single precision in a scan's header. */
 static const double face_tolerance = 1e-6;
 
-/* false: the tetrahedron is flat or turned inside out */
+/* Compute barycentric coordinates. Return false if the tetrahedron is flat or inverted. */
 static bool coordinates_in(const pliant_mesh *mesh, const double *positions, int32_t tet, const double world[3], double barycentric[4])
 {
     const int32_t *nodes = mesh->tets + 4 * tet;
@@ -51,8 +51,8 @@ static int32_t locate_in_cell(const pliant_mesh *mesh, int32_t cell, const doubl
     return -1;
 }
 
-/* A point on a cell's face, as far as rounding of a scan's geometry goes: the tetrahedra on the other side hold it as
- * well, where those of its own cell are left out. */
+/* Search the neighbouring cells for a point on a cell's face, within rounding of the scan's geometry. It may belong to
+ * a tetrahedron there if the tetrahedra in the point's cell are left out. */
 static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], const double local[3], const double world[3], double barycentric[4])
 {
     int step[3];
@@ -74,7 +74,7 @@ static int32_t locate_across(const pliant_mesh *mesh, const int32_t cell[3], con
     return -1;
 }
 
-/* Tetrahedra with moved nodes reach into the cells around their own, and no further. */
+/* Search the surrounding cells. Tetrahedra with moved nodes extend only into adjacent cells. */
 static int32_t locate_beside(const pliant_mesh *mesh, const int32_t cell[3], const double world[3], double barycentric[4])
 {
     for (int n = 0; n < 27; n++) {
@@ -112,7 +112,7 @@ int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], doubl
         barycentric_of(mesh, mesh->rest, tet, world, barycentric);
         return tet;
     }
-    /* the owner holds no tissue, but the point may lie on its face with one that does */
+    /* The tetrahedron at the point is left out, but the point may be on its face with an existing one. */
     tet = locate_in_cell(mesh, flat, world, barycentric);
     return tet >= 0 ? tet : locate_across(mesh, cell, local, world, barycentric);
 }

@@ -1,4 +1,4 @@
-/* Reading a tetrahedral mesh, and making the fine mesh of it. */
+/* Reads a tetrahedral mesh and builds the fine mesh from it. */
 #include "mesh/mesh_file.h"
 
 #include "base/fail.h"
@@ -113,7 +113,7 @@ pliant_status pliant_mesh_file_read(const char *path, double unit, mesh_file *ou
         return pliant_fail(PLIANT_ERROR_FORMAT, "%s: unknown ending of a mesh; use .vtu (VTK) or .msh (Gmsh 4.1)", path);
     pliant_status status = read_text(path, &text);
     if (status != PLIANT_OK) return status;
-    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), old = uselocale(c); /* a point in numbers */
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), old = uselocale(c); /* decimal points in numbers */
     status = msh ? pliant_mesh_parse_msh(&text, &file) : pliant_mesh_parse_vtu(&text, &file);
     uselocale(old);
     if (c) freelocale(c);
@@ -125,7 +125,7 @@ pliant_status pliant_mesh_file_read(const char *path, double unit, mesh_file *ou
     return status;
 }
 
-/* --- the fine mesh --- */
+/* --- The fine mesh. --- */
 
 static void centre_of(const mesh_file *file, int32_t tet, double out[3])
 {
@@ -142,15 +142,15 @@ static void to_axes(const pliant_mesh *mesh, const double world[3], double out[3
     }
 }
 
-/* Cells along the scan's axes around all nodes. No tetrahedron reaches further than a cell's edge from its centre, so
- * that a point's tetrahedron has its centre in the point's own cell or in one next to it (pliant_mesh_locate). */
+/* Create cells along the scan's axes around all nodes. A tetrahedron extends at most one cell edge from its centre. A
+ * point's tetrahedron therefore has its centre in the point's cell or in an adjacent cell (pliant_mesh_locate). */
 static pliant_status make_cells(const char *path, const mesh_file *file, const pliant_geometry *scan, pliant_mesh *mesh)
 {
     const double max_cells = 1 << 26;
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, reach = 0, count = 1, at[3];
     memcpy(mesh->direction, scan->direction, sizeof mesh->direction);
     for (int32_t n = 0; n < file->num_nodes; n++) {
-        to_axes(mesh, file->nodes + 3 * (size_t)n, at); /* the corner is 0 until now */
+        to_axes(mesh, file->nodes + 3 * (size_t)n, at); /* relative to 0, since the corner is not set yet */
         for (int d = 0; d < 3; d++) {
             low[d] = fmin(low[d], at[d]);
             high[d] = fmax(high[d], at[d]);
@@ -194,7 +194,7 @@ static int32_t cell_of(const pliant_mesh *mesh, const mesh_file *file, int32_t t
     return at[0] + mesh->cells[0] * (at[1] + mesh->cells[1] * at[2]);
 }
 
-/* keep: (file's tetrahedra) 1. One leaf per cell, with the tetrahedra whose centres it has. */
+/* Sort the tetrahedra with keep = 1 into leaves, one leaf per cell, by their centres. keep: (file's tetrahedra). */
 static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, const uint8_t *material, const pliant_material_table *table, pliant_mesh *mesh,
                                 pliant_tet_material **materials)
 {
@@ -211,7 +211,8 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
     int32_t *row = pliant_calloc((size_t)file->num_nodes, sizeof *row);
     const bool good = mesh->leaf_of_cell && mesh->leaf_start && mesh->node_of_lattice && mesh->lattice_of_node && mesh->rest && mesh->tets && *materials && row;
     if (good) {
-        memset(mesh->node_of_lattice, 0xff, places * sizeof *mesh->node_of_lattice); /* nodes lie anywhere */
+        /* Nodes have no lattice positions. */
+        memset(mesh->node_of_lattice, 0xff, places * sizeof *mesh->node_of_lattice);
         for (size_t c = 0; c < cells; c++) mesh->leaf_of_cell[c] = (int32_t)c;
         for (int32_t t = 0; t < file->num_tets; t++) {
             if (!keep[t]) continue;
@@ -222,7 +223,8 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
         for (int32_t n = 0; n < file->num_nodes; n++) {
             if (!row[n]) continue;
             memcpy(mesh->rest + 3 * (size_t)mesh->num_nodes, file->nodes + 3 * (size_t)n, 3 * sizeof *mesh->rest);
-            mesh->lattice_of_node[mesh->num_nodes] = mesh->num_nodes; /* unique: nodes with equal numbers would count as copies */
+            /* Unique, since nodes with equal numbers would count as copies. */
+            mesh->lattice_of_node[mesh->num_nodes] = mesh->num_nodes;
             row[n] = mesh->num_nodes++;
         }
         for (int32_t t = 0; t < file->num_tets; t++) {
@@ -232,7 +234,7 @@ static pliant_status fill_cells(const mesh_file *file, const uint8_t *keep, cons
             pliant_material_of_voxel(table, material[t], *materials + to);
             mesh->num_tets++;
         }
-        mesh->num_moved = mesh->num_nodes; /* tetrahedra reach into the cells around */
+        mesh->num_moved = mesh->num_nodes; /* tetrahedra extend into adjacent cells */
     }
     pliant_free(row);
     return good ? PLIANT_OK : pliant_fail_memory("the mesh of a file");

@@ -30,27 +30,30 @@ typedef struct mesh_file {
     mesh_region_name *name; /* (num_names) */
 } mesh_file;
 
-/* Read a mesh by the ending of its path. Tetrahedra become positively oriented, nodes that none has are left out. unit:
- * of lengths in the file [m]. Free with mesh_file_free. Errors (*out untouched): FILE, FORMAT (with what to do),
- * MEMORY. */
+/* Read a mesh file by the extension of its path. Tetrahedra are oriented positively, and unused nodes are dropped.
+ * unit: unit of lengths in the file [m]. Free the result with mesh_file_free. Errors (*out unchanged): FILE, FORMAT
+ * (with the remedy), MEMORY. */
 pliant_status pliant_mesh_file_read(const char *path, double unit, mesh_file *out);
 void pliant_mesh_file_free(mesh_file *file); /* Nullable */
 
-/* A whole file in memory, with a 0 behind its end. */
+/* A complete file in memory, followed by a 0. */
 typedef struct file_text {
     const char *path;
     char *data;
     size_t size;
 } file_text;
 
-/* The two formats: connectivity, nodes and regions as the file has them. *out is zeroed before and freed by the caller
- * even after an error. */
+/* Parse a format: connectivity, nodes and regions as in the file. *out is zeroed before; the caller frees it, also
+ * after an error. */
 pliant_status pliant_mesh_parse_msh(const file_text *text, mesh_file *out);
 pliant_status pliant_mesh_parse_vtu(const file_text *text, mesh_file *out);
 
-/* Make the fine mesh of a file. Its tetrahedra are sorted into cells by their centres, so that pliant_mesh_locate finds
- * points. scan: its box must overlap the mesh. material: (file's num_tets) of each; empty ones are left out unless
- * keep_air. materials: out, (out's num_tets), freed with pliant_free. Errors: SCENE, MEMORY. */
+/* Build the fine mesh of a file. Its tetrahedra are sorted into cells by their centres, so that pliant_mesh_locate
+ * finds points.
+ * @param scan       Its box must overlap the mesh.
+ * @param material   (file's num_tets); empty tetrahedra are left out unless keep_air.
+ * @param materials  Out: (out's num_tets), freed with pliant_free.
+ * Errors: SCENE, MEMORY. */
 pliant_status pliant_mesh_of_file(const char *path, const mesh_file *file, const pliant_geometry *scan, const uint8_t *material, bool keep_air,
                                   const pliant_material_table *table, pliant_mesh *out, pliant_tet_material **materials);
 

@@ -1,4 +1,4 @@
-/* Gmsh's .msh 4.1, text and binary: its tetrahedra, and the physical groups of their volumes. */
+/* Reader of Gmsh's .msh 4.1, text and binary: tetrahedra, and physical groups of their volumes. */
 #include "mesh/mesh_file.h"
 
 #include "base/fail.h"
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Where reading is. */
+/* The reading position. */
 typedef struct msh_reader {
     const file_text *text;
     size_t at;
@@ -39,7 +39,7 @@ static int64_t read_whole(msh_reader *reader, size_t bytes)
 
 static int64_t read_int(msh_reader *reader) { return read_whole(reader, 4); }
 
-/* A count or a tag, none below 0. */
+/* Read a count or a tag, which must not be negative. */
 static int64_t read_size(msh_reader *reader)
 {
     const int64_t value = read_whole(reader, 8);
@@ -47,7 +47,7 @@ static int64_t read_size(msh_reader *reader)
     return reader->failed ? 0 : value;
 }
 
-/* A count of things of which each takes at least so many bytes of the file. */
+/* Read a count of items that each occupy at least `least` bytes of the file. */
 static int64_t read_count(msh_reader *reader, size_t least)
 {
     const int64_t count = read_size(reader);
@@ -76,7 +76,7 @@ static double read_real(msh_reader *reader)
     return value;
 }
 
-/* Go to the line after the one that begins a section. Return false if the file lacks it. */
+/* Move to the line after the start of a section. Return false if the section is missing. */
 static bool find_section(msh_reader *reader, const char *name)
 {
     const size_t length = strlen(name);
@@ -120,7 +120,7 @@ static pliant_status read_format(msh_reader *reader)
     return PLIANT_OK;
 }
 
-/* Names of groups of volumes; text in both kinds of file. */
+/* Read names of volume groups, which are text in binary files as well. */
 static pliant_status read_names(msh_reader *reader, mesh_file *out)
 {
     const bool binary = reader->binary;
@@ -147,7 +147,7 @@ static pliant_status read_names(msh_reader *reader, mesh_file *out)
     return reader->failed ? damaged(reader, "$PhysicalNames") : PLIANT_OK;
 }
 
-/* Which physical group each volume is in. */
+/* The physical group of each volume. */
 typedef struct volume_groups {
     int64_t count;
     struct { int64_t volume, group; } *of;
@@ -215,7 +215,7 @@ static pliant_status read_nodes(msh_reader *reader, tagged **tags, mesh_file *ou
     return PLIANT_OK;
 }
 
-/* Nodes of an element of a type, of lines, faces and points; 0: not known */
+/* Return the number of nodes of an element type; 0: unknown type. */
 static int nodes_of_type(int64_t type)
 {
     static const uint8_t nodes[32] = {0, 2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4, 5, 6, 20, 35, 56};
@@ -275,7 +275,7 @@ pliant_status pliant_mesh_parse_msh(const file_text *text, mesh_file *out)
     if (status == PLIANT_OK) status = read_entities(&reader, &groups);
     if (status == PLIANT_OK) status = read_nodes(&reader, &tags, out);
     if (status == PLIANT_OK) status = read_elements(&reader, tags, &groups, out);
-    bool any = out->num_names > 0; /* volumes without groups have no meaning that a material table could know */
+    bool any = out->num_names > 0; /* volumes without groups have no meaning for a material table */
     for (int64_t n = 0; n < groups.count; n++) any = any || groups.of[n].group != 0;
     out->regions = any ? MESH_REGIONS_NUMBERED : MESH_REGIONS_NONE;
     pliant_free(groups.of);

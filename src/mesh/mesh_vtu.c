@@ -1,4 +1,4 @@
-/* VTK's .vtu: tetrahedra, with arrays as text, base64 or raw, as they are or compressed by zlib. */
+/* Reader of VTK's .vtu: tetrahedra, with arrays as text, base64 or raw, optionally compressed by zlib. */
 #include "mesh/mesh_file.h"
 
 #include "base/fail.h"
@@ -14,18 +14,18 @@ enum { ATTRIBUTE = 96 };
 /* The text of a tag, between < and >. */
 typedef struct tag { const char *begin, *end; } tag;
 
-/* The properties in the head of a file. */
+/* Properties from the head of a file. */
 typedef struct vtu_file {
     const file_text *text;
-    const char *end;             /* of the tags: where appended data begin */
-    const char *appended;        /* Nullable: behind its _ */
-    bool raw, compressed;        /* appended data are no base64; arrays are compressed */
+    const char *end;             /* end of the tags: start of the appended data */
+    const char *appended;        /* Nullable: after its _ */
+    bool raw, compressed;        /* raw: appended data are not base64; compressed: arrays are compressed */
     size_t header;               /* bytes of a number before an array */
 } vtu_file;
 
 static pliant_status refuse(const vtu_file *file, const char *reason) { return pliant_fail(PLIANT_ERROR_FORMAT, "%s: %s", file->text->path, reason); }
 
-/* Find the next tag of a name after a position. */
+/* Find the next tag with this name after a position. */
 static bool find_tag(const char *from, const char *end, const char *name, tag *out)
 {
     const size_t length = strlen(name);
@@ -40,7 +40,7 @@ static bool find_tag(const char *from, const char *end, const char *name, tag *o
     return false;
 }
 
-/* The value of an attribute; false: it has none. */
+/* Read an attribute. Return false if it is missing. */
 static bool attribute(const tag *of, const char *name, char out[ATTRIBUTE])
 {
     const size_t length = strlen(name);
@@ -93,7 +93,8 @@ static int base64_value(char c)
     return c == '+' ? 62 : c == '/' ? 63 : -1;
 }
 
-/* Until a character of no base64. Padding may stand in the middle, after a separate header. false: out of memory */
+/* Decode base64 up to the first other character. Padding can occur in the middle, after a separate header. Return false
+ * if out of memory. */
 static bool decode(const char *from, const char *end, bytes *out)
 {
     int group[4], count = 0, padding = 0;
@@ -138,7 +139,7 @@ static bool inflate_blocks(const vtu_file *file, const bytes *in, size_t wanted,
     return to == wanted;
 }
 
-/* Read the `wanted` bytes of a binary array. false: damaged, or out of memory */
+/* Read the `wanted` bytes of a binary array. Return false if the data is damaged, or if out of memory. */
 static bool read_bytes(const vtu_file *file, const bytes *in, size_t wanted, uint8_t *out)
 {
     if (file->compressed) return inflate_blocks(file, in, wanted, out);
@@ -209,7 +210,7 @@ static pliant_status read_array(const vtu_file *file, const tag *array, const ch
     return refuse(file, reason);
 }
 
-/* The array of a name in a section of the piece. */
+/* Find an array by its name in a section of the piece. */
 static bool find_array(const vtu_file *file, const char *section, const char *name, tag *out)
 {
     tag begin, end;
@@ -250,7 +251,7 @@ static pliant_status read_cells(const vtu_file *file, size_t cells, mesh_file *o
     return status;
 }
 
-/* The first of the arrays that programs write regions to. */
+/* Read the first of the arrays in which programs store regions. */
 static pliant_status read_regions(const vtu_file *file, mesh_file *out)
 {
     static const char *const names[] = {"material", "label", "region", "gmsh:physical", "physical", "medit:ref", "CellEntityIds", "Region"};

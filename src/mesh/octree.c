@@ -1,4 +1,4 @@
-/* Which cubes are split: by what lies in them, and so that neighbours differ by one level at most. */
+/* Splits the cubes of an octree: by their materials, and so that adjacent cubes differ by at most one level. */
 #include "mesh/octree.h"
 
 #include "base/fail.h"
@@ -6,10 +6,10 @@
 
 #include <string.h>
 
-/* The most frequent material of a cube's voxels and how many they are; of larger cubes a lower bound of that. */
+/* Most frequent material of a cube's voxels, and its count. For larger cubes the count is a lower bound. */
 typedef struct majority { uint32_t count, total; uint8_t material; } majority;
 
-/* first voxel of every cell along an axis: a voxel belongs to the cell of its centre */
+/* Return the first voxel of a cell along an axis. A voxel belongs to the cell that contains its centre. */
 static int32_t first_voxel(int32_t voxels, int32_t cells, int32_t cell)
 {
     int32_t i = (int32_t)((double)cell * voxels / cells - 0.5);
@@ -33,7 +33,7 @@ static void count_voxels(const pliant_octree *tree, const pliant_geometry *geome
                     low[d] = first[d][at[d]];
                     high[d] = first[d][at[d] + 1];
                     if (low[d] < high[d]) continue;
-                    if (low[d] >= size[d]) low[d] = size[d] - 1; /* smaller than a voxel: the one beside it */
+                    if (low[d] >= size[d]) low[d] = size[d] - 1; /* smaller than a voxel: use the adjacent voxel */
                     high[d] = low[d] + 1;
                 }
                 for (int32_t k = low[2]; k < high[2]; k++)
@@ -71,8 +71,7 @@ static majority of_children(const pliant_octree *tree, int32_t level, const int3
     return best;
 }
 
-/* from the smallest cells up; cubes below one that is not split are set all the same: only those of split parents
- * count */
+/* Mark splits from the smallest cells up. Cubes below an unsplit cube are marked as well; they are removed later. */
 static pliant_status split_by_material(pliant_octree *tree, double purity, const pliant_geometry *geometry, const uint8_t *material_of_voxel)
 {
     int32_t *first[3] = {NULL, NULL, NULL};
@@ -107,7 +106,7 @@ static pliant_status split_by_material(pliant_octree *tree, double purity, const
     return status;
 }
 
-/* Only what hangs on split ancestors is split: a cube that is pure as a whole stays whole, whatever lies in it. */
+/* Remove the splits of cubes whose ancestors are not split. A cube that is pure as a whole stays whole. */
 static void drop_orphans(pliant_octree *tree)
 {
     int32_t at[3];
@@ -121,8 +120,9 @@ static void drop_orphans(pliant_octree *tree)
                 }
 }
 
-/* From the smallest up: whatever shares a face or an edge with a split cube must be at least as small as that cube, so
- * its parent is split; and so is the cube's own parent. Splits are only added one level up, so one pass is enough. */
+/* Balance from the smallest cells up. Cubes that share a face or an edge with a split cube must be at most as large
+ * as it, so their parents are split, and the cube's own parent. Splits are only added one level up, so one pass
+ * suffices. */
 static void balance(pliant_octree *tree)
 {
     int32_t at[3], step[3];
@@ -162,8 +162,8 @@ static pliant_status number_leaves(pliant_octree *tree)
     int32_t cell[3];
     tree->leaf_of_cell = pliant_calloc(count, sizeof *tree->leaf_of_cell);
     if (!tree->leaf_of_cell) return pliant_fail_memory("the octree");
-    /* numbers start at a leaf's first cell; the others take that of the cell before them along an axis they are not
-     * first in */
+    /* A leaf's number is assigned at its first cell. Other cells copy it from the previous cell along an axis inside
+     * the leaf. */
     for (int pass = 0; pass < 2; pass++) {
         int32_t leaves = 0;
         for (cell[2] = 0; cell[2] < cells[2]; cell[2]++)

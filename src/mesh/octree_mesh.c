@@ -1,13 +1,14 @@
 /* Tetrahedra of an octree's leaves.
  *
- * A leaf without smaller neighbours is cut into five, as the cubes of a lattice of its size are: the diagonal of a
- * face joins the two corners whose coordinates, in units of the leaf, add up to an even number. A leaf with smaller
- * neighbours gets a node at its centre, to which the triangles of its faces are joined. A face that has a node in
- * its middle or on an edge (a corner of a smaller leaf) gets a node in its middle, to which the pieces of its edges
- * are joined; all others are cut along the same diagonal as those of five. Every face is cut by what lies on it
- * alone, so both sides cut it alike: of four smaller faces the diagonals meet in the middle, where coordinates in
- * units of the smaller leaf add up to an even number too, and with neighbours across edges balanced none of them is
- * divided further. */
+ * A leaf without smaller neighbours is cut into five tetrahedra, like the cubes of a lattice of its size. The diagonal
+ * of a face joins the two corners whose coordinates, in units of the leaf, have an even sum. A leaf with smaller
+ * neighbours gets a node at its centre, which is joined to the triangles of its faces. A face with a node in its middle
+ * or on an edge (a corner of a smaller leaf) gets a node in its middle, which is joined to the pieces of its edges. All
+ * other faces are cut along the same diagonal as above.
+ *
+ * The cut of a face depends only on nodes on the face, so both sides are cut equally. The diagonals of four smaller
+ * faces meet in the middle, where coordinates in units of the smaller leaf have an even sum. With neighbours balanced
+ * across edges, none of them is divided further. */
 #include "base/fail.h"
 #include "mesh/octree.h"
 #include "pliant/memory.h"
@@ -31,7 +32,7 @@ static int32_t size_of(const pliant_octree *tree, int32_t leaf) { return 1 << (t
 
 static int32_t node_at(const pliant_octree *tree, const int32_t at[3]) { return pliant_octree_node(tree->cells[tree->depth], at); }
 
-/* mean over the tetrahedra of the smallest cells in a leaf, by their voxels */
+/* Average the material over the smallest cells' tetrahedra in a leaf, weighted by their voxels. */
 static void sum_leaf(octree_builder *build, int32_t leaf)
 {
     const pliant_octree *tree = build->tree;
@@ -51,7 +52,7 @@ static void sum_leaf(octree_builder *build, int32_t leaf)
                     tissue += share * part->tissue;
                     sum.num_voxels += part->num_voxels;
                     weight += share;
-                    /* of a pure leaf nearly all are the same */
+                    /* In a pure leaf nearly all are equal. */
                     if (part->num_voxels > most) {
                         most = part->num_voxels;
                         sum.material = part->material;
@@ -107,7 +108,7 @@ static void add_tet(octree_builder *build, int32_t corners[4][3], const pliant_t
     build->materials[mesh->num_tets++] = *material;
 }
 
-/* a corner (bits), middle (1 of 0..2 steps of half a leaf) or centre of a leaf */
+/* Return the lattice position of a corner (bits), middle (1 of 0..2 steps of half a leaf) or centre of a leaf. */
 static void place(const pliant_octree *tree, int32_t leaf, const int32_t halves[3], int32_t out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = tree->origin[leaf][d] + halves[d] * size_of(tree, leaf) / 2;
@@ -148,7 +149,7 @@ static void cut_in_five(octree_builder *build, int32_t leaf)
     }
 }
 
-/* one of the triangles of a face, in steps of half a leaf, joined to the centre */
+/* Join a triangle of a face, in steps of half a leaf, to the centre. */
 static void add_cone(octree_builder *build, int32_t leaf, int32_t halves[3][3])
 {
     int32_t corners[4][3];
@@ -185,7 +186,7 @@ static void cut_face(octree_builder *build, int32_t leaf, int axis, int side)
         }
         return;
     }
-    int32_t first = 0; /* of the ring's four corners, one whose coordinates add up to an even number */
+    int32_t first = 0; /* a corner of the ring whose coordinates have an even sum */
     for (int d = 0; d < 3; d++) first += tree->origin[leaf][d] / size + ring[0][d] / 2;
     first &= 1;
     for (int half = 0; half < 2; half++) {
@@ -215,7 +216,7 @@ static pliant_status cut_leaves(octree_builder *build)
     return PLIANT_OK;
 }
 
-/* nodes in the order of the lattice; positions */
+/* Number the nodes in lattice order, and compute positions. */
 static pliant_status number_nodes(pliant_mesh *mesh)
 {
     size_t lattice = (size_t)(mesh->cells[0] + 1) * (size_t)(mesh->cells[1] + 1) * (size_t)(mesh->cells[2] + 1);

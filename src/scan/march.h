@@ -1,5 +1,5 @@
-/* A ray through the voxels of a volume, sample by sample, to where it crosses a threshold ([H] 3.2). The same
- * operations on the CPU (tool/pick.c) and on a GPU (cuda/warp/pick.cu), in the same order, so that both find the same
+/* March along a ray through the voxels of a volume, sample by sample, to the crossing of a threshold ([H] 3.2). The CPU
+ * (tool/pick.c) and the GPU (cuda/warp/pick.cu) execute the same operations in the same order, so both find the same
  * crossings. */
 #ifndef PLIANT_SCAN_MARCH_H
 #define PLIANT_SCAN_MARCH_H
@@ -8,27 +8,27 @@
 
 #include <math.h>
 
-/* In continuous voxel indices: index(t) = start + t * step, t in metres along the ray. */
+/* A ray in continuous voxel indices: index(t) = start + t * step, with t in metres along the ray. */
 typedef struct march_ray {
-    int32_t size[3];       /* of the volume */
+    int32_t size[3];       /* size of the volume */
     double start[3], step[3];
     double enter, leave;   /* part of the ray inside the volume's box and within near and far [m] */
     double stride;         /* half a voxel [m] */
     double threshold;
-    int64_t most;          /* no sample after this one */
+    int64_t most;          /* index of the last sample */
 } march_ray;
 
-/* Where a volume's voxels are and what they mean (pliant_volume). */
+/* Voxel array of a volume and the conversion of its values (pliant_volume). */
 typedef struct march_voxels {
-    const void *voxels;    /* of the host or of a GPU */
+    const void *voxels;    /* in host or GPU memory */
     pliant_encoding encoding;
     float slope, intercept;
 } march_voxels;
 
 typedef struct march_crossing {
-    int64_t sample;        /* the first one not below the threshold; -1: the ray has no crossing, and nothing else is set */
-    double t;              /* of the crossing [m] */
-    float value;           /* of the volume there */
+    int64_t sample; /* first sample at or above the threshold; -1: no crossing, and the other members are not set */
+    double t;              /* position of the crossing [m] */
+    float value;           /* value of the volume there */
 } march_crossing;
 
 PLIANT_INLINE float march_stored(const march_voxels *from, size_t index)
@@ -36,7 +36,7 @@ PLIANT_INLINE float march_stored(const march_voxels *from, size_t index)
     return pliant_stored_value(from->voxels, from->encoding, from->slope, from->intercept, index);
 }
 
-/* trilinear; beyond the centres of the outermost voxels their values go on */
+/* Interpolate trilinearly. Outside of the centres of the outermost voxels the value is constant. */
 PLIANT_INLINE double march_value(const march_voxels *from, const march_ray *ray, double t)
 {
     int32_t low[3], high[3];
@@ -60,19 +60,19 @@ PLIANT_INLINE double march_value(const march_voxels *from, const march_ray *ray,
 
 PLIANT_INLINE double march_at(const march_ray *ray, int64_t sample) { return fmin(ray->enter + (double)sample * ray->stride, ray->leave); }
 
-/* the last sample is the first at the ray's end; there is always one */
+/* Return whether a sample exists. The last sample is the first one at the ray's end, and there is at least one. */
 PLIANT_INLINE bool march_has(const march_ray *ray, int64_t sample)
 {
     return sample == 0 || (sample <= ray->most && march_at(ray, sample - 1) < ray->leave);
 }
 
-/* a NaN is below every threshold: comparisons with it are false */
+/* Return whether the value is at or above the threshold. NaN is below every threshold. */
 PLIANT_INLINE bool march_above(const march_voxels *from, const march_ray *ray, double t)
 {
     return march_value(from, ray, t) >= ray->threshold;
 }
 
-/* the crossing between a sample that is not below the threshold and the one before it, which is */
+/* Refine the crossing between a sample at or above the threshold and the sample before it. */
 PLIANT_INLINE march_crossing march_refine(const march_voxels *from, const march_ray *ray, int64_t sample)
 {
     double high = march_at(ray, sample), low = sample > 0 ? march_at(ray, sample - 1) : high, enough = 2e-4 * ray->stride;

@@ -85,7 +85,7 @@ static int noise(int i, int j, int k, uint32_t seed)
     return sum * 84 / 512;
 }
 
-/* A scanner's blur, (1, 6, 1) / 8 along each axis. The offset keeps what is divided positive. */
+/* Apply a scanner's blur, (1, 6, 1) / 8 along each axis. The offset keeps the dividend positive. */
 static int16_t blurred(int before, int here, int after)
 {
     return (int16_t)((before + 6 * here + after + 4 + 8 * 4096) / 8 - 4096);

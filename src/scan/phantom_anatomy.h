@@ -1,4 +1,4 @@
-/* Where the organs of the phantom lie, and how one row of voxels is filled with them. */
+/* Positions of the phantom's organs, and painting of one row of voxels. */
 #ifndef PLIANT_SCAN_PHANTOM_ANATOMY_H
 #define PLIANT_SCAN_PHANTOM_ANATOMY_H
 
@@ -10,8 +10,8 @@ enum {
 #define PHANTOM_ENUM(id, name) PHANTOM_##name = id,
     PLIANT_PHANTOM_LIST(PHANTOM_ENUM)
 #undef PHANTOM_ENUM
-    PHANTOM_ROOM_FOR_ORGANS = 200, /* fat of the belly, where organs may still be put; fat in the end */
-    PHANTOM_KEPT_FREE              /* fat around a kidney, where none is put */
+    PHANTOM_ROOM_FOR_ORGANS = 200, /* abdominal fat where organs can be painted; becomes fat at the end */
+    PHANTOM_KEPT_FREE              /* fat around a kidney, without organs */
 };
 
 enum { PHANTOM_AIR_VALUE = -1000 /* [HU] */ };
@@ -33,19 +33,19 @@ static inline void phantom_put(phantom_row *row, int n, int tissue, float value)
     row->value[n] = (int16_t)value;
 }
 
-/* False: a list is too short for its tubes (never, tested). */
+/* Create the anatomy. Return false if a list is too short for its tubes (never, tested). */
 bool phantom_anatomy_make(phantom_anatomy *anatomy);
 
 /* Depth of a point below the skin [mm], negative outside the body. */
 float phantom_depth(float x, float y, float z);
-/* How deep the fat under the skin and the wall of muscle end there [mm]. */
+/* Return the depths at which the subcutaneous fat and the muscle wall end [mm]. */
 void phantom_wall(float x, float y, float z, float *fat, float *muscle);
-/* The middle of the spine lies at (0, this) at height z. */
+/* Return y of the middle of the spine at height z; x is 0. */
 float phantom_spine_y(float z);
 
-/* tissue and value of one row, whose position arrays are set */
+/* Set tissue and value of one row; its position arrays are set. */
 void phantom_paint(const phantom_anatomy *anatomy, phantom_row *row);
-/* the bones of it */
+/* Paint the bones of a row. */
 void phantom_paint_spine(phantom_row *row);
 void phantom_paint_hips(phantom_row *row);
 

@@ -1,6 +1,6 @@
-/* What the phantom is made of: tubes, ellipsoids and smooth noise, in millimetres, LPS.
-   Only + - * / and square roots decide where a tissue ends, so that every machine draws the same voxels (these files
-   are compiled without fused multiply-add). */
+/* Shapes of the phantom: tubes, ellipsoids and smooth noise, in millimetres, LPS. Only + - * / and square roots
+ * decide the borders of tissues, so every machine draws the same voxels. These files are compiled without fused
+ * multiply-add. */
 #ifndef PLIANT_SCAN_PHANTOM_SHAPES_H
 #define PLIANT_SCAN_PHANTOM_SHAPES_H
 
@@ -9,12 +9,12 @@
 
 typedef struct phantom_point { float x, y, z; } phantom_point;
 
-/* The hull of two balls. */
+/* The convex hull of two balls. */
 typedef struct phantom_tube {
     phantom_point a, b;
     float radius_a, radius_b;
-    phantom_point low, high; /* box around it */
-    float level; /* bowel: gas fills it where y is less (the patient lies on the back) */
+    phantom_point low, high; /* bounding box */
+    float level; /* bowel: gas fills it where y is below the level (supine patient) */
     bool mark;   /* vessels: of the mesentery */
 } phantom_tube;
 
@@ -23,44 +23,44 @@ typedef struct phantom_tubes {
     int number, room;
 } phantom_tubes;
 
-/* A point of a chain of tubes and the radius there. */
+/* A point of a chain of tubes, and the radius there. */
 typedef struct phantom_knot { float x, y, z, radius; } phantom_knot;
 
-/* The unit vectors of its axes are columns of a rotation. */
+/* The unit vectors of its axes are the columns of a rotation. */
 typedef struct phantom_ellipsoid {
     phantom_point centre, radius;
     phantom_point axis[3];
 } phantom_ellipsoid;
 
-/* One row of voxels. Arrays have n entries; position is bent by noise, as anatomy is. */
+/* One row of voxels. Arrays have n entries; positions are distorted by noise, like anatomy. */
 typedef struct phantom_row {
     int n;
-    float x_first, x_step, y, z; /* unbent [mm] */
-    float voxel; /* edge of a cube as large as a voxel [mm] */
+    float x_first, x_step, y, z; /* undistorted [mm] */
+    float voxel; /* edge of a cube with a voxel's volume [mm] */
     float *x, *position_x, *position_y, *position_z;
     float *near,
-        *second; /* distance to the surface of the nearest tube, and of the nearest one elsewhere on the chain */
-    int32_t *nearest;     /* that tube, -1: none is near */
+        *second; /* distance to the nearest tube, and to the nearest tube at another position of the chain */
+    int32_t *nearest;     /* nearest tube, -1: no tube is close */
     float *grain, *clump; /* textures in [-1, 1], 2.5 mm and 9 mm wide */
     uint8_t *tissue;
     int16_t *value; /* Hounsfield units */
 } phantom_row;
 
-enum { PHANTOM_BEND = 6 /* most mm that a position is bent along an axis */ };
+enum { PHANTOM_BEND = 6 /* maximum distortion along an axis [mm] */ };
 
 static inline float phantom_clamp(float value, float low, float high)
 {
     return value < low ? low : value > high ? high : value;
 }
 
-/* 0 below low, 1 above high, smooth between */
+/* Return 0 below low, 1 above high, and a smooth transition between them. */
 static inline float phantom_ramp(float value, float low, float high)
 {
     float t = phantom_clamp((value - low) / (high - low), 0, 1);
     return t * t * (3 - 2 * t);
 }
 
-/* smaller of two distances, rounded where they are within k of each other */
+/* Return the smaller of two distances, rounded where they are within k of each other. */
 static inline float phantom_blend(float a, float b, float k)
 {
     float h = phantom_clamp(0.5f + 0.5f * (b - a) / k, 0, 1);
@@ -70,25 +70,25 @@ static inline float phantom_blend(float a, float b, float k)
 uint32_t phantom_hash(uint32_t a, uint32_t b, uint32_t c, uint32_t d);
 float phantom_random(uint32_t a, uint32_t b, uint32_t c); /* in [-1, 1) */
 
-/* Smooth noise in [-1, 1] with features `cell` mm wide, along a row at y, z; times scale, added to out. */
+/* Add smooth noise in [-1, 1], multiplied by scale, along a row at y, z. cell: size of its features [mm]. */
 void phantom_add_noise(const phantom_row *row, float cell, uint32_t seed, float scale, float *out);
 
-/* An upright ellipsoid whose long axis (z) points along `up` instead. */
+/* Create an ellipsoid whose long axis (z) points along `up`. */
 phantom_ellipsoid phantom_ellipsoid_make(phantom_point centre, phantom_point radius, phantom_point up);
-/* First-order distance to its surface, negative inside. */
+/* Return the first-order distance to the surface, negative inside. */
 float phantom_ellipsoid_distance(const phantom_ellipsoid *e, float x, float y, float z);
 
-/* False: no room. */
+/* Add a tube. Return false if the list is full. */
 bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, float radius_a, float radius_b);
-/* A smooth chain through the knots, `pieces` tubes between two of them. */
+/* Add a smooth chain through the knots, with `pieces` tubes between two knots. */
 bool phantom_add_chain(phantom_tubes *list, const phantom_knot *knots, int number, int pieces);
-/* The same, mirrored to the other side (x -> -x). */
+/* Add the chain mirrored to the other side (x -> -x). */
 bool phantom_add_mirrored(phantom_tubes *list, const phantom_knot *knots, int number, int pieces);
 
-/* near, nearest and second of a row, for the tubes of a list. False: none is near the row. */
+/* Compute near, nearest and second of a row for the tubes of a list. Return false if no tube is close to the row. */
 bool phantom_measure(const phantom_tubes *list, phantom_row *row);
 
-/* The voxels of a row whose x lies in [low, high], bending included: from *first to below *end. */
+/* Find the voxels of a row whose x is in [low, high], including the distortion: from *first to before *end. */
 void phantom_span(const phantom_row *row, float low, float high, int *first, int *end);
 
 #endif

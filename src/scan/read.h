@@ -1,6 +1,6 @@
-/* How the readers fit together. Every format has an opener that reads the header only and checks it against the
- * file; read.cpp checks the memory, has the voxels read and converts them. Inside, errors are thrown as failures;
- * none crosses the C boundary. */
+/* Structure of the readers. Every format has an opener that reads only the header and checks it against the file.
+ * read.cpp checks the memory, reads the voxels through the opener's result, and converts them. Internally, errors are
+ * thrown as failures; no exception crosses the C boundary. */
 #ifndef PLIANT_SCAN_READ_H
 #define PLIANT_SCAN_READ_H
 
@@ -15,7 +15,7 @@
 
 namespace pliant_read {
 
-/* Thrown inside, told by pliant_fail at the boundary. */
+/* Thrown internally, and reported by pliant_fail at the boundary. */
 struct failure {
     pliant_status status;
     std::string text;
@@ -45,8 +45,8 @@ bool component_is_integer(component type);
 
 struct image_header {
     pliant_geometry geometry = {};
-    component type = component::none; /* of the voxels that read() gives */
-    bool whole_numbers = false;       /* the file stores integers, whatever type read() gives */
+    component type = component::none; /* type of the voxels from read() */
+    bool whole_numbers = false;       /* the file stores integers, even if read() returns another type */
     double slope = 1.0, intercept = 0.0; /* value = slope * stored + intercept */
     pliant_modality modality = PLIANT_MODALITY_UNKNOWN;
 };
@@ -57,29 +57,29 @@ public:
     image_header header;
     std::vector<pliant_label_segment> segments; /* of a segmentation, whose voxels are their labels; empty for a scan */
     virtual ~image_source() = default;
-    /* Every voxel, i fastest, as header.type in the byte order of this machine. The voxels must be zero before. */
+    /* Read every voxel, i fastest, as header.type in the byte order of this machine. The voxels must be zero before. */
     virtual void read(void *voxels) = 0;
     /* Fill segments of a label map whose labels have names. */
     virtual void read_names() {}
 };
 
-/* By a word of a header: "CT", "MR", "PT"; words that say nothing ("OT", other) are unknown. */
+/* Return the modality for a header's word: "CT", "MR", "PT". Other words are unknown. */
 pliant_modality modality_of(const std::string &word);
 
-/* What a header says about the grid; millimetres, LPS. */
+/* The grid of a header; millimetres, LPS. */
 struct grid {
-    std::vector<int64_t> size;      /* as many as the file has dimensions */
+    std::vector<int64_t> size;      /* one entry per dimension of the file */
     double spacing[3] = {1.0, 1.0, 1.0};
     double origin[3] = {0.0, 0.0, 0.0};
     double direction[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}; /* row-major, columns are the axes */
 };
-/* Checks that the grid is one regular 3-D grid, repairs rounding in the direction, converts to metres. A size may be
- * 1. */
+/* Check that the grid is a regular 3-D grid, correct rounding errors of the direction, and convert to metres. A size
+ * may be 1. */
 pliant_geometry checked_geometry(const std::string &path, const grid &grid);
-/* Voxels of a checked geometry; a double, since a hostile header may ask for more than can be counted. */
+/* Return the number of voxels; a double, since a malicious header may have more than an integer can hold. */
 double voxel_count(const pliant_geometry &geometry);
 
-/* Bytes of a file, decompressed where it is compressed. */
+/* The bytes of a file, decompressed if necessary. */
 class byte_stream {
 public:
     /* deflate: gzip or zlib, by the first bytes; raw_deflate: without a header */
@@ -89,43 +89,45 @@ public:
     byte_stream(const byte_stream &) = delete;
     byte_stream &operator=(const byte_stream &) = delete;
 
-    /* Bytes got; fewer than wanted only at the end of the data. Broken compression fails. */
+    /* Return the number of bytes read; it is less than `wanted` only at the end of the data. Damaged compression
+     * fails. */
     size_t read(void *buffer, size_t wanted);
-    /* Fails when the data end early; what names them in the message. */
+    /* Fails if the data ends early; `what` names the data in the message. */
     void read_exactly(void *buffer, size_t wanted, const char *what);
     void skip(uint64_t bytes, const char *what);
-    /* After the last voxel: the checksum of compressed data is right. */
+    /* Check the checksum of compressed data, after the last voxel. */
     void finish();
 
 private:
     struct inflater;
     std::string path_;
     std::ifstream file_;
-    std::unique_ptr<inflater> inflater_; /* null: as it is */
+    std::unique_ptr<inflater> inflater_; /* null: not compressed */
     size_t inflate_some(unsigned char *buffer, size_t wanted);
 };
 
-/* Every file is opened, and its size asked, by these. They fail when it may not be read (pliant/open.h). */
+/* These functions open every file and query its size. They fail if it may not be read (pliant/open.h). */
 /* Return the length of a byte order mark, which some editors write before text. */
 inline size_t mark_of(const std::string &bytes) { return bytes.compare(0, 3, "\xEF\xBB\xBF") == 0 ? 3 : 0; }
-std::ifstream open_file(const std::string &path); /* may not be good: not there */
+std::ifstream open_file(const std::string &path); /* not good() if the file is missing */
 uint64_t file_size(const std::string &path);
 bool is_folder(const std::string &path);
-/* Names in a folder, in the order of the alphabet, hidden ones left out. */
+/* Return the names in a folder in alphabetical order, without hidden ones. */
 std::vector<std::string> names_in(const std::string &folder);
-/* First bytes of a file, fewer if it is shorter. */
+/* Return the first bytes of a file, or all if it is shorter. */
 std::string file_start(const std::string &path, size_t bytes);
-std::string folder_of(const std::string &path); /* with the slash; "" when there is none */
+std::string folder_of(const std::string &path); /* including the slash; "" without a folder */
 std::string lower_case(std::string text);
 bool ends_with(const std::string &text, const std::string &ending);
 std::string trimmed(const std::string &text);
-/* Numbers between separators, whatever the locale of the process; false when something is no finite number. */
+/* Read numbers between separators, independent of the process's locale. Return false if an item is not a finite
+ * number. */
 bool parse_numbers(const std::string &text, char separator, std::vector<double> *out);
 
 /* Fails when `bytes` of data cannot be in a file of this size, compressed or not. */
 void check_data_fits(const std::string &path, double bytes, double bytes_in_file, bool compressed);
 bool machine_is_big_endian();
-/* The data of a header: decompressed, exactly as long as the grid asks, in the byte order of this machine. */
+/* Read the data of a header: decompressed, of exactly the grid's size, in the byte order of this machine. */
 void read_voxels(byte_stream &stream, const image_header &header, bool swap_bytes, void *voxels);
 
 /* The openers. They fail with FILE or FORMAT. */
@@ -133,13 +135,13 @@ std::unique_ptr<image_source> open_nifti(const std::string &path);
 std::unique_ptr<image_source> open_metaimage(const std::string &path);
 std::unique_ptr<image_source> open_nrrd(const std::string &path);
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series);
-std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* of several frames */
+std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* with several frames */
 /* NIfTI, MetaImage or NRRD; NULL: another format. */
 std::unique_ptr<image_source> open_image_file(const std::string &path);
-/* A folder with a mask per segment; NULL if it holds no image that could be one. Where masks overlap the later name
+/* Open a folder with one mask per segment; NULL if no image in it can be a mask. Where masks overlap the later name
  * wins. */
 std::unique_ptr<image_source> open_masks(const std::string &folder);
-/* The same for labels: a DICOM segmentation if there is one. */
+/* Open labels in the same way: a DICOM segmentation if there is one. */
 std::unique_ptr<image_source> open_dicom_label_folder(const std::string &path);
 std::unique_ptr<image_source> open_dicom_label_file(const std::string &path);
 bool is_nifti(const std::string &path);
@@ -151,9 +153,10 @@ struct converted {
     float background;
     void *voxels;
 };
-/* Most bytes per voxel that conversion adds to the voxels as read. */
+/* Return the maximum additional bytes per voxel during the conversion. */
 double conversion_bytes(const image_header &header, bool labels);
-/* Takes over *voxels (set to NULL), also when it fails. Fails with FORMAT (not finite, out of range) or MEMORY. */
+/* Convert the voxels. The function takes ownership of *voxels (set to NULL), also after a failure. It fails with FORMAT
+ * (not finite, out of range) or MEMORY. */
 converted convert_values(const std::string &path, const image_header &header, void **voxels);
 uint16_t *convert_labels(const std::string &path, const image_header &header, void **voxels);
 

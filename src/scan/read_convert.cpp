@@ -87,7 +87,7 @@ struct owned_voxels {
     }
 };
 
-/* In place where the numbers keep their width, so that the voxels are in memory once only. */
+/* Convert the voxels, overwriting the input if the type's size is the same. This avoids a second copy in memory. */
 template <class To> void *convert(const image_header &header, owned_voxels *raw, size_t count)
 {
     const bool in_place = component_size(header.type) == sizeof(To);
@@ -144,7 +144,7 @@ converted convert_values(const std::string &path, const image_header &header, vo
         if (range.low >= 0 && range.high <= UINT8_MAX) result.encoding = PLIANT_UINT8;
         else if (range.low >= INT16_MIN && range.high <= INT16_MAX) result.encoding = PLIANT_INT16;
     }
-    /* far below zero is air: a CT, whatever lies outside its field of view */
+    /* values far below zero are air: a CT, independent of values outside its field of view */
     result.background = static_cast<float>(range.low < -500.0 ? std::fmax(range.low, -1024.0) : range.low);
 
     switch (result.encoding) {

@@ -127,7 +127,7 @@ bool is_image_class(const std::string &uid)
     return false;
 }
 
-/* What is the frame's own: where it lies, what its numbers mean, where they are. */
+/* Set the frame's own properties: position, meaning of its numbers, and their location in the file. */
 void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_file::part> &parts, dicom_slice *slice)
 {
     const std::string place = folder_of(slice->path) + slice->name;

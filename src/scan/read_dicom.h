@@ -1,4 +1,4 @@
-/* DICOM as the readers need it: the elements of a file, one image of a series. */
+/* DICOM for the readers: the elements of a file, and one image of a series. */
 #ifndef PLIANT_SCAN_READ_DICOM_H
 #define PLIANT_SCAN_READ_DICOM_H
 
@@ -8,8 +8,8 @@
 
 namespace pliant_read {
 
-/* The top level of a DICOM file up to its pixels, and what its functional groups say of each frame (PS3.3 C.7.6.16).
- * Every length has been checked against the file. */
+/* The top level of a DICOM file up to its pixels, and the functional groups of each frame (PS3.3 C.7.6.16). Every
+ * length has been checked against the file. */
 struct dicom_file {
     struct part {
         uint64_t offset, length;
@@ -18,29 +18,30 @@ struct dicom_file {
     std::string transfer_syntax;
     uint64_t deflated_from = 0; /* for dicom_bytes */
     elements values;
-    elements shared;              /* of all frames: places, spacing and scale, those of their functional groups that matter */
-    std::vector<elements> frames; /* and of each; empty where the file has no functional groups */
+    elements shared; /* of all frames: the relevant values of their functional groups (position, spacing, scale) */
+    std::vector<elements> frames; /* of each frame; empty if the file has no functional groups */
     std::vector<elements> segments; /* items of SegmentSequence, with the meaning of their property type */
     bool has_pixels = false, compressed = false;
     part pixels = {0, 0};         /* not compressed */
-    part offset_table = {0, 0};   /* compressed: of the frames, may be empty */
-    std::vector<part> fragments;  /* and the fragments behind it */
+    part offset_table = {0, 0};   /* compressed: offsets of the frames, may be empty */
+    std::vector<part> fragments;  /* compressed: the fragments after the table */
 
     bool has(uint32_t tag) const { return values.count(tag) != 0; }
     std::string text(uint32_t tag) const; /* trimmed; "" when missing */
-    int whole(uint32_t tag, int otherwise) const; /* of a 16-bit element */
-    /* As text, of a frame (from 0): its own, or what all frames share, or the file's. */
+    int whole(uint32_t tag, int otherwise) const; /* value of a 16-bit element */
+    /* Return an element as text for a frame (from 0): the frame's value, otherwise the shared value, otherwise the
+     * file's value. */
     std::string text_of_frame(size_t frame, uint32_t tag) const;
 };
 
-/* The bytes of a DICOM file by their offset. A data set may be deflated (PS3.5 A.5); its offsets count inflated bytes.
- * Reading forward is fast, reading backward inflates from the start. */
+/* The bytes of a DICOM file by offset. A data set can be deflated (PS3.5 A.5); its offsets then count inflated bytes.
+ * Reading forward is fast; reading backward inflates from the start. */
 class dicom_bytes {
 public:
-    /* deflated_from: where the deflated data set begins; 0: nothing is deflated */
+    /* deflated_from: start of the deflated data set; 0: not deflated */
     dicom_bytes(const std::string &path, uint64_t deflated_from) : path_(path), deflated_from_(deflated_from) {}
     const std::string &path() const { return path_; }
-    /* Fails with FORMAT if the file is too short; what names the bytes in the message. */
+    /* Fails with FORMAT if the file is too short; `what` names the bytes in the message. */
     void read(uint64_t offset, void *out, size_t count, const char *what);
 
 private:
@@ -49,15 +50,15 @@ private:
     std::unique_ptr<byte_stream> stream_;
 };
 
-/* False when it is no DICOM file. Fails when it is truncated or damaged. */
+/* Read a file. Return false if it is no DICOM file. Fails if it is truncated or damaged. */
 bool read_dicom_file(const std::string &path, dicom_file *out);
 
-/* What decides the numbers of an image. */
+/* Properties that determine the values of an image. */
 struct dicom_pixels {
     std::string transfer_syntax;
     uint64_t deflated_from = 0; /* for dicom_bytes */
     bool compressed = false;
-    std::vector<dicom_file::part> parts; /* one; compressed: those that make up the image */
+    std::vector<dicom_file::part> parts; /* one part; compressed: all parts of the image */
     int rows = 0, columns = 0, bits_allocated = 16, bits_stored = 16;
     bool is_signed = false;
     double slope = 1.0, intercept = 0.0;
@@ -81,43 +82,44 @@ std::vector<double> numbers_of_frame(const std::string &name, const dicom_file &
 /* Return the number of frames, on which header and functional groups must agree. Fails with FORMAT. */
 size_t frames_of(const std::string &path, const dicom_file &file);
 
-/* The parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */
+/* Return the parts of each frame, by their count or by the table of offsets (PS3.5 A.4). Fails with FORMAT. */
 std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &path, const dicom_file &file, size_t frames, size_t frame_bytes);
 
-/* rows x columns numbers of type(), slope and intercept not applied. Fails with FORMAT.
- * bytes: of the file. padded: which numbers are padding; empty where the file declares none. */
+/* Read rows x columns numbers of type(), without slope and intercept. Fails with FORMAT.
+ * @param bytes   Bytes of the file.
+ * @param padded  Out: marks padding; empty if the file declares no padding. */
 void read_dicom_pixels(dicom_bytes *bytes, const dicom_pixels &pixels, void *out, std::vector<bool> *padded);
-/* The same of one JPEG, JPEG-LS or JPEG 2000 image, bits above the stored ones included. Fails with FORMAT, MEMORY. */
+/* Decompress one JPEG, JPEG-LS or JPEG 2000 image, including bits above the stored ones. Fails with FORMAT, MEMORY. */
 void decompress_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image, void *out);
 
-/* Return why pixels of a transfer syntax cannot be decompressed, with the remedy; "" when they can. */
+/* Return the reason why pixels of a transfer syntax cannot be decompressed, with the remedy; "" if they can. */
 std::string refused_compression(const std::string &transfer_syntax);
 /* Return the description of an object without a readable image, by its SOP class, with the remedy; "" for all other
  * classes. */
 std::string refused_object(const std::string &sop_class);
 
-/* True for the SOP classes of segmentations: SEG and label map segmentation. */
+/* Return whether a SOP class is a segmentation: SEG or label map segmentation. */
 bool is_segmentation_object(const std::string &sop_class);
-/* The reader of a DICOM segmentation. Fails with FORMAT. */
+/* Create the reader of a DICOM segmentation. Fails with FORMAT. */
 std::unique_ptr<image_source> open_dicom_segments(const std::string &path, const dicom_file &file);
 
-/* One image: a file, or a frame of one. */
+/* One image: a file, or a frame of a file. */
 struct dicom_slice {
-    std::string path, name;                    /* of the file; for messages, with the frame */
+    std::string path, name;                    /* path of the file; name for messages, with the frame */
     std::string series, description, instance; /* UIDs of series and image, SeriesDescription */
     pliant_modality modality = PLIANT_MODALITY_UNKNOWN;
-    bool inverted = false;                     /* low values are bright, and they have no unit that forbids turning them round */
+    bool inverted = false;                     /* low values are bright, and their unit permits inverting them */
     dicom_pixels pixels;
     std::vector<double> position;              /* 3, LPS [mm]; empty when missing */
-    std::vector<double> orientation;           /* 6: direction of rows, of columns */
+    std::vector<double> orientation;           /* 6: direction of rows, and of columns */
     std::vector<double> spacing;               /* 2: between rows, between columns [mm] */
-    std::string problem;                       /* why it cannot be read; matters only if its series is chosen */
-    bool is_picture = false;                   /* the problem: it is in colour or a film, so no slice of any stack */
+    std::string problem;                       /* reason why it cannot be read; used only if its series is chosen */
+    bool is_picture = false;                   /* the problem: a colour image or a film, which is no slice of a stack */
     bool is_scout = false;                     /* ImageType says LOCALIZER */
     double along = 0.0;                        /* position along the normal [mm] */
 };
 
-/* The images of one series, in any order, as one regular grid. */
+/* Create a regular grid from the images of one series, in any order. */
 std::unique_ptr<image_source> open_series(const std::string &folder, std::vector<dicom_slice> slices);
 
 } // namespace pliant_read

@@ -79,7 +79,7 @@ public:
         if (!magic && !looks_like_data_set(start)) return false;
         at_ = magic ? 132 : 0;
         explicit_ = true;
-        while (at_ < size_ && (peek_tag() >> 16) == 2) { /* the file meta group is explicit, whatever follows */
+        while (at_ < size_ && (peek_tag() >> 16) == 2) { /* the file meta group is always explicit */
             element e = next_element();
             store(e, &out_->values);
             skip(e.length);
@@ -115,7 +115,7 @@ private:
     uint64_t size_, at_ = 0;
     dicom_file *out_;
     bool explicit_ = true;
-    std::string window_; /* what was read last: headers are small and many */
+    std::string window_; /* last read bytes: headers are small and many */
     uint64_t window_at_ = 0;
 
     [[noreturn]] void truncated() { fail(PLIANT_ERROR_FORMAT, "%s: truncated DICOM file", path_.c_str()); }
@@ -230,7 +230,7 @@ private:
         (*out)[e.tag] = e.length <= longest ? bytes(at_, e.length) : "";
     }
 
-    /* Items until the end of a sequence whose length is not told. */
+    /* Read the items of a sequence with undefined length. */
     void sequence(int depth, bool with_type)
     {
         if (depth > 32) damaged("sequences nested more than 32 deep");
@@ -256,7 +256,7 @@ private:
         else skip(e.length);
     }
 
-    /* Where a value ends; the end of the file where that is told by a mark. */
+    /* Return the end of a value; the end of the file if a delimiter marks it. */
     uint64_t end_of(const element &e, uint64_t outer)
     {
         if (e.length == UNDEFINED) return outer;

@@ -30,7 +30,7 @@ void fail(pliant_status status, const char *format, ...)
 
 namespace {
 
-/* What may be read, as long as it lives. */
+/* A path that may be read during the lifetime of this object. */
 class opening {
 public:
     explicit opening(const std::string &path) : there_(pliant_opening_begin(path.c_str(), &opening_))
@@ -178,7 +178,7 @@ size_t byte_stream::inflate_some(unsigned char *buffer, size_t wanted)
         int result = inflate(&stream, Z_NO_FLUSH);
         got += room - stream.avail_out;
         if (result == Z_STREAM_END) {
-            /* a gzip file may go on with another member; anything else behind the end is not ours */
+            /* A gzip file may continue with another member; other trailing bytes are ignored. */
             if (stream.avail_in == 0 && file_.peek() != std::ifstream::traits_type::eof()) {
                 file_.read(reinterpret_cast<char *>(inflater_->input.data()), static_cast<std::streamsize>(inflater_->input.size()));
                 stream.next_in = inflater_->input.data();
@@ -280,7 +280,7 @@ void check_sizes(const std::string &path, const std::vector<int64_t> &size)
             fail(PLIANT_ERROR_FORMAT, "%s: size %s: at most %d along an axis", path.c_str(), text.c_str(), INT32_MAX);
 }
 
-/* How far the columns are from orthonormal: largest difference of D'D from one. */
+/* Return the orthonormality error of the columns: largest entry of D'D - I. */
 double orthonormal_error(const double d[9])
 {
     double error = 0.0;

@@ -252,7 +252,7 @@ void read_grid(const std::string &path, const fields &header, grid *grid)
     from_affine(plain, grid);
 }
 
-/* The image file beside a header file: .img for .hdr, compressed or not. */
+/* Return the image file that belongs to a header file: .img for .hdr, compressed or not. */
 std::string image_file(const std::string &path)
 {
     std::string base = path;

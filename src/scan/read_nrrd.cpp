@@ -1,6 +1,6 @@
-/* NRRD (.nrrd, .nhdr with its data file): a text header of "field: value" lines up to an empty one
- * (http://teem.sourceforge.net/nrrd/format.html). Raw and gzip data. Read here and not by ITK, which takes metres for
- * millimetres and leaks what it has allocated when a file is broken. */
+/* NRRD (.nrrd, .nhdr with its data file): a text header of "field: value" lines up to an empty line
+ * (http://teem.sourceforge.net/nrrd/format.html). Raw and gzip data. ITK is not used: it reads metres as millimetres
+ * and leaks memory if a file is broken. */
 #include "scan/read_nrrd.h"
 
 #include <cmath>
@@ -182,7 +182,7 @@ public:
     void read(void *voxels) override { read_voxels(*data.open(), header, data.swap, voxels); }
 };
 
-/* What went into a gzip file, modulo 2^32: its last four bytes (RFC 1952). */
+/* Return the uncompressed length of a gzip file modulo 2^32: its last four bytes (RFC 1952). */
 double gzip_length(const std::string &path, double file_bytes)
 {
     std::string tail(4, '\0');

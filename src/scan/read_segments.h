@@ -1,4 +1,4 @@
-/* The readers of segmentations share these functions: they number segments and paint them into a label map. */
+/* Shared functions of the readers of segmentations: numbering segments, and painting them into a label map. */
 #ifndef PLIANT_SCAN_READ_SEGMENTS_H
 #define PLIANT_SCAN_READ_SEGMENTS_H
 
@@ -10,14 +10,14 @@
 
 namespace pliant_read {
 
-/* Copy text into an array of a segment; longer texts are cut in front of a UTF-8 character. */
+/* Copy text into an array of a segment; longer text is cut before a UTF-8 character. */
 void set_text(const std::string &text, char (&out)[64]);
 
-/* Give every segment its label: its value, or its position if two segments share a value. */
+/* Assign a label to every segment: its value, or its position if two segments share a value. */
 void number_segments(const std::string &path, std::vector<pliant_label_segment> *segments);
 
-/* Segments put one by one into a label map, which is zero at first. Where they overlap the later segment of the list
- * wins; the order of the calls does not matter. */
+/* Paints segments into a label map, which is zero at first. Where they overlap the later segment of the list wins,
+ * independent of the order of the calls. */
 class segment_painter {
 public:
     segment_painter(const std::vector<pliant_label_segment> &segments, size_t count, uint16_t *voxels)

@@ -146,7 +146,7 @@ void check_alike(const std::vector<dicom_slice> &slices)
     }
 }
 
-/* No image twice, no two at the same place. */
+/* Check that no image occurs twice, and no two images have the same position. */
 void check_duplicates(const std::string &folder, const std::vector<dicom_slice> &sorted)
 {
     for (size_t n = 1; n < sorted.size(); n++) {

@@ -20,7 +20,7 @@ static double old_index(int32_t new_index, int32_t new_size, int32_t old_size)
     return (new_index + 0.5) * ((double)old_size / new_size) - 0.5;
 }
 
-/* Half a voxel at either end lies outside the old centres: there the end value goes on. */
+/* Tabulate the neighbours. The end values also apply in the half voxel outside of the old centres. */
 static void tabulate(int32_t new_size, int32_t old_size, size_t stride, neighbours *out)
 {
     for (int32_t n = 0; n < new_size; n++) {

@@ -76,8 +76,8 @@ static uint16_t bin_of(const segment_histogram *histogram, double value)
     return (uint16_t)fmin(fmax((value - histogram->low) / histogram->width, 0), SEGMENT_BINS - 1);
 }
 
-/* Standard deviation of the noise: of the differences between neighbours along i, those of most are noise alone
- * (Gaussian: the median of their sizes is 0.6745 sqrt 2 deviations). */
+/* Set the standard deviation of the noise. Most differences between neighbours along i are noise alone. For Gaussian
+ * noise, the median of their magnitudes is 0.6745 sqrt 2 deviations. */
 void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *histogram)
 {
     int64_t total = 0, sum = 0;
@@ -92,15 +92,15 @@ int segment_reach(const segment_histogram *histogram) { return (int)ceil(2.5 * h
 static void find_noise(segment_histogram *histogram, const uint16_t *bins, ptrdiff_t voxels)
 {
     int64_t count[SEGMENT_BINS] = {0};
-    /* what lies beyond the bins, as padding and much of the air does, tells nothing */
+    /* values beyond the bins, such as padding and most air, contain no information on noise */
     for (ptrdiff_t v = 1; v < voxels; v++)
         if (bins[v] != 0 && bins[v - 1] != 0) count[abs(bins[v] - bins[v - 1])]++;
     segment_set_noise(count, histogram);
 }
 
-/* Sigma filter (Lee 1983): the mean of those of the 27 voxels around that differ by no more than noise does, which
- * sharpens the peaks of the histogram and keeps edges. Voxels most of whose neighbours are not like them lie on an
- * edge, between two tissues, or in a texture as bone has: they count less. */
+/* Apply the sigma filter (Lee 1983): the mean of the surrounding 27 voxels whose difference is within the noise. It
+ * sharpens the peaks of the histogram and preserves edges. A voxel that differs from most neighbours is on an edge
+ * between tissues, or in a texture such as bone. It gets a lower weight. */
 static const double edge_part = 0.25;
 static void smooth(const pliant_volume *scan, int num_threads, segment_histogram *histogram, const uint16_t *raw, uint16_t *bins,
                    uint8_t *counted)

@@ -11,30 +11,30 @@ extern "C" {
 
 enum { SEGMENT_BINS = 1024 };
 
-/* The values of a volume, counted. The first and last bin also hold what lies beyond. */
+/* Histogram of a volume's values. The first and last bin include the values beyond them. */
 typedef struct segment_histogram {
-    double low, width;          /* lower side of the first bin, width of one */
+    double low, width;          /* lower edge of the first bin, width of a bin */
     double count[SEGMENT_BINS];
     double total;
     double noise;               /* standard deviation of the values' noise */
 } segment_histogram;
 
-/* A mixture of each number of classes, [number - 1]; likelihood: mean log of a voxel's. */
+/* A mixture for each number of classes, [number - 1]. likelihood: mean log likelihood of a voxel. */
 typedef struct segment_fits {
     pliant_segment_class classes[PLIANT_MAX_CLASSES][PLIANT_MAX_CLASSES];
     double likelihood[PLIANT_MAX_CLASSES];
 } segment_fits;
 
-/* A piece, counted. value: of the voxels, with slope and intercept; at: of their indices. */
+/* Sums over a piece. sum: of the values, with slope and intercept; at: of the voxel indices. */
 typedef struct segment_tally { int32_t piece, voxels; double sum, at[3]; uint8_t class_index; } segment_tally;
 
-/* ---- segment.c: what does not depend on who goes through the voxels */
+/* ---- Implemented in segment.c: parts shared by CPU and GPU. */
 enum { SEGMENT_FINE_BINS = 1 << 16, SEGMENT_SWEEPS = 8, SEGMENT_ALIKE = 18 /* of 27 */, SEGMENT_FEW_STEPS = 16 /* of integers */ };
-/* The bins, from the values' range and their counts over SEGMENT_FINE_BINS bins of it. */
+/* Set the bins from the values' range and their counts in SEGMENT_FINE_BINS bins of it. */
 void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram);
-/* From counts of the differences between neighbours along i, neither in the first bin. */
+/* Set the noise from counts of differences between neighbours along i, without the first bin. */
 void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *histogram);
-/* How many bins values may differ by noise alone. */
+/* Return the maximum difference in bins that noise alone can cause. */
 int segment_reach(const segment_histogram *histogram);
 /* Labels of pieces by size, their means. tallies (count) are sorted; label: out, (count). Errors: FORMAT, MEMORY. */
 pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label, pliant_segmentation *out);

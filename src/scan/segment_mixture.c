@@ -34,8 +34,9 @@ static double responsibilities(const pliant_segment_class *classes, int count, d
 /* Passes until the mean log likelihood of a voxel stands still; returns it. */
 static double maximize(const segment_histogram *histogram, pliant_segment_class *classes, int count, int passes)
 {
-    /* no class is narrower than what bins and noise can tell, or a spike (padding) would make the likelihood infinite
-     * and air would be taken apart; none is wider than tissue is, or one would take what lies between all others */
+    /* Lower limit of a class's width: the resolution of bins and noise. Otherwise a spike (padding) would have infinite
+     * likelihood, and air would be split. Upper limit: the width of tissue. Otherwise one class would cover the range
+     * between all others. */
     const double narrowest = fmax(1.5 * histogram->width, 0.5 * histogram->noise), widest = 0.04 * SEGMENT_BINS * histogram->width;
     double likelihood = -INFINITY;
     for (int pass = 0; pass < passes; pass++) {

@@ -37,7 +37,7 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
                 if (j > 0 && class_of_voxel[v - row] == c && !(along && class_of_voxel[v - row - 1] == c)) join(piece, v, v - row);
                 if (k > 0 && class_of_voxel[v - slice] == c && !(along && class_of_voxel[v - slice - 1] == c)) join(piece, v, v - slice);
             }
-    /* roots come before all that hang on them; a number n is kept as -1 - n until all are set */
+    /* roots come before their members; number n is stored as -1 - n until all are set */
     for (int32_t v = 0; v < voxels; v++) {
         int32_t parent = piece[v];
         if (parent == v) piece[v] = -1 - pieces++;
@@ -59,7 +59,7 @@ pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_
     for (int32_t v = 0; v < voxels; v++) members[piece[v]]++;
     for (int32_t v = 0; v < voxels; v++) waiting += waits[v] = members[piece[v]] < least;
     if (waiting == 0 || waiting == voxels) goto done;
-    /* first those beside what stays, then those beside them, and so on */
+    /* First absorb voxels adjacent to remaining pieces, then voxels adjacent to those, and so on. */
     for (int32_t next = -1; next < end; next++)
         for (int32_t v = next < 0 ? 0 : queue[next], last = next < 0 ? voxels : v + 1; v < last; v++) {
             if (next < 0 && waits[v]) continue;

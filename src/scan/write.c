@@ -1,4 +1,4 @@
-/* Writing volumes, label maps and vector fields: into a file beside the target, which is renamed when it is
+/* Writes volumes, label maps and vector fields to a file in the target's folder, which is renamed when it is
  * complete. */
 #include "scan/write.h"
 
@@ -21,7 +21,7 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "voxels are written in
 
 typedef enum file_format { FORMAT_NONE, FORMAT_NIFTI, FORMAT_NIFTI_GZ, FORMAT_NRRD, FORMAT_METAIMAGE } file_format;
 
-/* What is to be written: a volume without scale, labels, or vectors. */
+/* The image to write: a volume without scale, labels, or vectors. */
 typedef struct image_data {
     const pliant_geometry *geometry;
     int type; /* an index of the table below */
@@ -131,7 +131,7 @@ static size_t nifti_header(const image_data *image, unsigned char *header)
     return NIFTI_HEADER;
 }
 
-/* Text with a point in numbers, whatever the locale of the process. */
+/* Write a text header with decimal points, independent of the process's locale. */
 static size_t text_header(const image_data *image, file_format format, char *header)
 {
     const pliant_geometry *g = image->geometry;
