@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""How do I learn on living tissue?    gym_environment.py [EPISODES]
+"""How do I train an agent on simulated tissue?    gym_environment.py [EPISODES]
 
-A gymnasium environment: retract tissue. A forceps holds a point of the liver's surface and shall bring it to a goal without pulling hard.
-Observation: held point and goal relative to where it was grasped [m], force [N]. Action: how the tip moves in a step, -1 .. 1 for each axis.
-The reward is that of tissue manipulation tasks: minus the distance to the goal, minus a price of force, and 1 where the goal is reached.
+A gymnasium environment for tissue retraction. A forceps holds a point of the liver's surface, and must move it to a
+goal with little force.
+Observation: grasped point and goal relative to the grasp position [m], force [N]. Action: tip motion per step, -1 .. 1
+for each axis.
+The reward is common for tissue manipulation: minus the distance to the goal, minus a price for the force, and 1 at
+the goal.
 """
 import sys
 
@@ -61,7 +64,7 @@ class Retraction(Base):
         return self._observe(), float(reward), reached, self.steps >= self.most_steps, told
 
     def render(self):
-        """A slice of the deformed scan through the held point, grey from -200 to 300 Hounsfield units."""
+        """Return a slice of the deformed scan through the grasped point, grey from -200 to 300 Hounsfield units."""
         volume = self.sim.volume()
         index = volume.direction.T @ (self.tool.state["held_point"] - volume.origin) / volume.spacing
         k = int(np.clip(round(index[2]), 0, volume.values.shape[0] - 1))

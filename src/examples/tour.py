@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """What can I do from Python?    tour.py [SCAN] [FOLDER]
 
-A walk through pliant.py: pull tissue, feel it, look at it, cut it, go back in time, and learn from many at once. It prints what it finds and
-writes pictures into FOLDER. SCAN: phantom, phantom:IxJxK, or a file or folder that pliant reads.
+A tour of pliant.py: pull tissue, measure forces, render and cut it, restore a state, and run several simulations at
+once. It prints results and writes pictures to FOLDER. SCAN: phantom, phantom:IxJxK, or a file or folder that pliant
+reads.
 """
 import os
 import struct
@@ -19,7 +20,7 @@ POINT = np.array([-0.06, -0.07, 0.1])  # front of the phantom's liver, LPS [m]: 
 
 
 def save(name, picture):
-    """An array as FOLDER/NAME.png, grey or in colours."""
+    """Write an array as FOLDER/NAME.png, grey or in colours."""
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     height, width = picture.shape[:2]
@@ -30,7 +31,7 @@ def save(name, picture):
 
 
 def look(name, sim):
-    """What a camera sees of organs and bones from the front, and the axial slice through the point."""
+    """Write a camera image of organs and bones from the front, and the axial slice through the point."""
     f = 350.0  # [pixels]
     camera = pliant.look_at(POINT + [0, -0.4, 0.1], POINT)
     save(name, sim.render([[f, 0, 159.5], [0, f, 119.5], [0, 0, 1]], camera, size=(320, 240), shown=["organ", "bone"]).rgb)

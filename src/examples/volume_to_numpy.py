@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""How do I get the deformed scan into numpy, from a node that runs?    volume_to_numpy.py [TOPIC] [PICTURE.pgm]
+"""How do I get the deformed scan of a running node as a numpy array?    volume_to_numpy.py [TOPIC] [PICTURE.pgm]
 
-Follows pliant/Volume (the whole, then boxes of what changed), and writes the middle slice as a picture after every message."""
+Subscribe to pliant/Volume (the whole volume, then boxes of changes), and write the middle slice as a picture after
+every message."""
 import sys
 
 import numpy as np

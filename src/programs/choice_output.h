@@ -1,4 +1,4 @@
-/* Choosing a scene's settings in a program: its tables and its picture go to a folder. */
+/* Choose a scene's settings in a program, and write the tables and the picture to a folder. */
 #ifndef PLIANT_TOOLS_CHOICE_OUTPUT_H
 #define PLIANT_TOOLS_CHOICE_OUTPUT_H
 
@@ -8,8 +8,8 @@
 extern "C" {
 #endif
 
-/* pliant_choose, with progress on the console; what was tried is written to FOLDER/choice. A scene that does not ask for it
- * writes nothing. Errors: as of pliant_choose, FILE. */
+/* Run pliant_choose with progress on the console, and write the tried settings to FOLDER/choice. If the scene does not
+ * request a choice, nothing is written. Errors: as for pliant_choose, FILE. */
 pliant_status choice_output(const pliant_report_input *input, const char *folder, bool pictures, pliant_choice *out);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* What a command-line program shows: log lines and progress on stderr, and whether Ctrl-C was pressed. */
+/* Console output of a command-line program: log lines and progress on stderr, and the stop request by Ctrl-C. */
 #ifndef PLIANT_TOOLS_CONSOLE_H
 #define PLIANT_TOOLS_CONSOLE_H
 
@@ -8,16 +8,17 @@
 extern "C" {
 #endif
 
-/* Log lines from `quietest` up go to stderr; Ctrl-C and SIGTERM ask the program to stop, which takes a second at most (stop.h).
- * Above INFO nothing goes to stdout from here on. */
+/* Write log lines from level `quietest` up to stderr. Ctrl-C and SIGTERM request a stop, which takes at most one second
+ * (stop.h). With a level above INFO nothing is written to stdout. */
 void console_start(pliant_log_level quietest);
 
 bool console_stop_asked(void);
 
-/* Progress to stderr: one line that is rewritten on a terminal, a line a stage and quarter elsewhere. Cancels when a stop is asked. */
+/* Return a callback that writes progress to stderr: one updated line on a terminal, otherwise one line per stage and
+ * quarter. It cancels after a stop request. */
 pliant_progress console_progress(void);
 
-/* Ends the line of the progress, if there is one. */
+/* End the progress line, if there is one. */
 void console_progress_end(void);
 
 #ifdef __cplusplus

@@ -98,7 +98,8 @@ static const char *const scalar_names[] = {PLIANT_SCALAR_LIST(NAME)};
 
 const char *deform_method_name(pliant_method method) { return method_names[method]; }
 
-/* "a,b": their places among the names, none twice, the first `skipped` of them not meant. Returns how many, 0 after a message. */
+/* Read a list "a,b" as indices of names, without duplicates and without the first `skipped` names. Return the count; 0
+ * after a message. */
 static int read_names(const char *option, const char *text, const char *const *names, int num_names, int skipped, int *out)
 {
     int count = 0;
@@ -153,7 +154,7 @@ static bool read_unit(const char *text, double *out)
     return false;
 }
 
-/* Refuse an unknown ending before the simulation, not after it. */
+/* Reject an unknown file extension before the simulation. */
 static bool read_field(const char *option, const char *text, const char **out)
 {
     static const char *const endings[] = {".nii", ".nii.gz", ".nrrd", ".mha"};
@@ -169,7 +170,7 @@ static bool read_field(const char *option, const char *text, const char **out)
     return false;
 }
 
-/* Refuse names by which one result would overwrite another. */
+/* Reject names for which one result would overwrite another. */
 static bool check_fields(const deform_arguments *arguments)
 {
     const char *names[] = {arguments->displacement, arguments->tissue_displacement};

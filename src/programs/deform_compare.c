@@ -11,8 +11,8 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Over the voxels that show tissue, of at least --seen: how far what is seen there is from where the reference has it, and how far the
- * reference has moved it ([H] figure 2). */
+/* Errors over the voxels with tissue and a value of at least --seen: distance from the tissue's position in the
+ * reference, and displacement in the reference ([H] figure 2). */
 typedef struct run_errors {
     pliant_error apart, moved; /* [m] */
 } run_errors;
@@ -28,7 +28,8 @@ static pliant_status summarize(const deform_run *run, const deform_run *other, c
     if (status < 0) return status;
     const size_t size = pliant_geometry_voxels(target);
     for (size_t v = 0; shown && v < size; ++v)
-        if (pliant_volume_value(shown, v) < run->arguments->seen) ((float *)voxels.voxels)[v] = -1; /* as without tissue */
+        /* excluded like a voxel without tissue */
+        if (pliant_volume_value(shown, v) < run->arguments->seen) ((float *)voxels.voxels)[v] = -1;
     status = pliant_error_histogram(&voxels, 1, 1.0, &count, out);
     pliant_volume_free(&voxels);
     return status;

@@ -13,8 +13,8 @@
 
 enum { PATH_ROOM = 4096 };
 
-/* Put a number before the ending of a name. A name without a folder is in the run's folder. A name with a folder gets the
- * name of the method, too, if several methods are compared. */
+/* Insert a number before the extension of a name. A name without a folder is placed in the run's folder. If several
+ * methods are compared, a name with a folder also gets the name of the method. */
 static void path_of(const deform_run *run, const char *name, const char *number, char path[PATH_ROOM])
 {
     const bool has_folder = strchr(name, '/'), is_one_of_many = has_folder && run->arguments->num_compared > 0;
@@ -41,7 +41,7 @@ static pliant_status write_displacement(const deform_run *run, const char *name,
     return status;
 }
 
-/* List the files of the steps so far. */
+/* List the files of all steps so far. */
 static pliant_status write_series(const deform_run *run, const char *name, const char *ending, long last)
 {
     char path[PATH_ROOM];

@@ -1,4 +1,4 @@
-/* pliant_deform: a scan, a scene and a tool path in; deformed volumes, node positions and timings out. */
+/* pliant_deform: deform a scan along a tool path; write deformed volumes, node positions and timings. */
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 #include "console.h"

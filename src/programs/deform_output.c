@@ -13,7 +13,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* as columns of a table */
+/* Return the column name of a scalar. */
 static const char *column_of(pliant_scalar scalar)
 {
     switch (scalar) {
@@ -28,7 +28,7 @@ static const char *column_of(pliant_scalar scalar)
     return "";
 }
 
-/* (num_scalars x count), one after the other: of nodes, of elements */
+/* consecutive arrays (num_scalars x count): node values, element values */
 typedef struct scalar_values {
     int num_scalars;
     float *of_node, *of_tet;
@@ -135,7 +135,8 @@ void deform_picture_point(const deform_run *run, double point[3])
     for (int d = 0; d < 3 && mass > 0.0; ++d) point[d] /= mass;
 }
 
-/* Mark the tetrahedra with contact forces on all corners of a face; overlapping tetrahedra have them on every corner ([C] 5.2). */
+/* Mark the tetrahedra with contact forces on all corners of a face; overlapping tetrahedra have them on every corner
+ * ([C] 5.2). */
 static void mark_collided(const pliant_mesh *mesh, const double *force, uint8_t *collided)
 {
     for (int32_t tet = 0; tet < mesh->num_tets; ++tet) {
@@ -165,7 +166,8 @@ static int32_t swept_strips(const pliant_path *path, double after, double until,
     return count;
 }
 
-/* Materials have the colours of their segments, of the first one that has any. colors: (PLIANT_MAX_MATERIALS x 3), zero */
+/* Set each material to the colour of its first segment with a colour.
+ * colors: (PLIANT_MAX_MATERIALS x 3), zeroed by the caller */
 static void segment_colors(const pliant_labels *labels, const pliant_material_table *table, uint8_t *colors)
 {
     for (uint32_t s = 0; s < labels->num_segments; ++s) {

@@ -1,4 +1,4 @@
-/* What a run writes: node positions, scalars of nodes and elements, the deformed volume, pictures. */
+/* Write the results of a run: node positions, scalars of nodes and elements, the deformed volume, pictures. */
 #ifndef PLIANT_TOOLS_DEFORM_OUTPUT_H
 #define PLIANT_TOOLS_DEFORM_OUTPUT_H
 
@@ -8,11 +8,13 @@
 extern "C" {
 #endif
 
-/* nodes.csv and, as the arguments ask, elements.csv, deformed.nii.gz and pictures in the run's folder.
- * @param step 0: the end; otherwise a number that the names get. Errors: FILE, MEMORY. */
+/* Write nodes.csv and, if requested, elements.csv, deformed.nii.gz and pictures to the run's folder.
+ * @param step 0: the end; otherwise a number that is inserted into the names
+ * Errors: FILE, MEMORY. */
 pliant_status deform_write(const deform_run *run, long step);
 
-/* The point that planes of pictures go through: what the path is about (deform_tools_point), or else the middle of the tissue. LPS [m] */
+/* Return the point through which the planes of pictures go: the point of the path (deform_tools_point), or the centre
+ * of the tissue. LPS [m] */
 void deform_picture_point(const deform_run *run, double point[3]);
 
 #ifdef __cplusplus

@@ -6,7 +6,7 @@
 #include <errno.h>
 #include <string.h>
 
-/* The probes in the mesh as it is, which a cut has changed. */
+/* Update the probes for the current mesh after a cut. */
 static pliant_status follow(deform_probes *probes, const pliant_path *path, const pliant_body *body)
 {
     pliant_points points;

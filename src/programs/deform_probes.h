@@ -1,4 +1,4 @@
-/* probes.csv: where points of the tissue are after every step. */
+/* probes.csv: positions of tissue points after every step. */
 #ifndef PLIANT_TOOLS_DEFORM_PROBES_H
 #define PLIANT_TOOLS_DEFORM_PROBES_H
 
@@ -12,16 +12,17 @@ extern "C" {
 #endif
 
 typedef struct deform_probes {
-    FILE *file;            /* NULL: the path names no probes */
+    FILE *file;            /* NULL: the path has no probes */
     pliant_points points;  /* in the mesh of the body with this revision */
     uint64_t revision;
 } deform_probes;
 
-/* folder/probes.csv with its first rows, of time 0. Errors: FILE, MEMORY, ARGUMENT (a point lies outside of the tissue). */
+/* Create folder/probes.csv with its first rows at time 0. Errors: FILE, MEMORY, ARGUMENT (a point lies outside the
+ * tissue). */
 pliant_status deform_probes_start(const char *folder, const pliant_path *path, const pliant_data *data, deform_probes *out);
-/* A row for every probe. Errors: MEMORY. */
+/* Append a row for every probe. Errors: MEMORY. */
 pliant_status deform_probes_add(deform_probes *probes, const pliant_path *path, const pliant_data *data, double time);
-/* Errors: FILE, when the rows did not reach the disk. */
+/* Close the file. Errors: FILE if the rows could not be written. */
 pliant_status deform_probes_end(deform_probes *probes);
 
 #ifdef __cplusplus

@@ -35,7 +35,8 @@ void deform_inputs_free(deform_inputs *inputs)
     pliant_volume_free(&inputs->scan);
 }
 
-/* The farthest that a tool pulls its point [m]; how far a force pulls is not known before. */
+/* Return the maximum distance by which a tool pulls its point [m]. Force-driven tools are skipped, because their
+ * displacement is unknown. */
 static double farthest_pull(const pliant_path *path)
 {
     double farthest = 0.0;
@@ -47,7 +48,7 @@ static double farthest_pull(const pliant_path *path)
     return farthest;
 }
 
-/* The deformed volume covers the scan, and the tissue at rest with the scene's margin around it. */
+/* Create the deformed volume, which covers the scan and the tissue at rest with the scene's margin. */
 static pliant_status ask_for_volume(deform_run *run)
 {
     const pliant_mesh *mesh = &pliant_data_get_body(run->data)->fine;
@@ -102,7 +103,7 @@ static void warn_of_gravity(const deform_run *run)
     }
 }
 
-/* Where the tissue is, what it weighs and what holds it: numbers that show a wrong unit or a missed region. */
+/* Print position, mass and fixed part of the tissue. These numbers reveal a wrong unit or a missed region. */
 static void print_body(const pliant_model *model)
 {
     const pliant_body *body = pliant_model_get_body(model);
@@ -151,7 +152,7 @@ pliant_status deform_run_do(deform_run *run)
 {
     pliant_status status = prepare(run);
     if (status >= 0) {
-        /* a step that broke down leaves the state before it, which is worth having */
+        /* a failed step leaves the previous state, which is worth writing */
         pliant_status stepped = step_through(run);
         status = deform_write(run, 0);
         timing_print(&run->times, run->model, run->data, stdout);

@@ -1,4 +1,4 @@
-/* One run of pliant_deform: a model of the inputs, stepped along the tool path. */
+/* One run of pliant_deform: build a model from the inputs, and compute steps along the tool path. */
 #ifndef PLIANT_TOOLS_DEFORM_RUN_H
 #define PLIANT_TOOLS_DEFORM_RUN_H
 
@@ -21,8 +21,8 @@ typedef struct deform_inputs {
 typedef struct deform_run {
     const deform_arguments *arguments;
     const deform_inputs *inputs;
-    pliant_scene scene;   /* the arguments' own, or with another method */
-    const char *folder;   /* where its results go; made if it is missing */
+    pliant_scene scene;   /* the arguments' scene, possibly with another method */
+    const char *folder;   /* folder for results; created if missing */
     pliant_model *model;
     pliant_data *data;
     deform_tools tools;
@@ -30,12 +30,12 @@ typedef struct deform_run {
     deform_probes probes;
 } deform_run;
 
-/* What the command line names. Free with deform_inputs_free. Errors: as of the readers. */
+/* Read the files that the command line names. Free with deform_inputs_free. Errors: as for the readers. */
 pliant_status deform_inputs_read(const deform_arguments *arguments, deform_inputs *out);
 void deform_inputs_free(deform_inputs *inputs);
 
-/* Builds, steps and writes the results, those of the steps before one that broke down too. Afterwards the run has the last state, to
- * be freed with deform_run_free in any case. */
+/* Build the model, compute the steps and write the results. If a step fails, the results of the steps before it are
+ * written. The run keeps the last state; always free it with deform_run_free. */
 pliant_status deform_run_do(deform_run *run);
 void deform_run_free(deform_run *run);
 

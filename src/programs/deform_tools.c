@@ -65,7 +65,7 @@ static void print_cut(const pliant_data *data, double time, const char *name, do
            (unsigned long long)pliant_data_get_body(data)->revision);
 }
 
-/* A stroke that has cut is told when it is over. */
+/* Print a stroke's cut area at its end. */
 static void print_stroke(deform_tools *tools, const pliant_data *data, int index, double time)
 {
     pliant_tool_state state;

@@ -1,4 +1,4 @@
-/* The tools of a path in a run: what they hold, where they go, what they cut. */
+/* Tools of a path in a run: grasps, motions and cuts. */
 #ifndef PLIANT_TOOLS_DEFORM_TOOLS_H
 #define PLIANT_TOOLS_DEFORM_TOOLS_H
 
@@ -12,22 +12,27 @@ extern "C" {
 
 typedef struct deform_tools {
     const pliant_path *path;
-    FILE *cuts;               /* cuts.csv, a row for each step and tool that parted tissue; NULL: the path cuts nothing */
-    uint32_t next;            /* of the path's cuts */
-    double area[PLIANT_MAX_TOOLS], before[PLIANT_MAX_TOOLS]; /* severed until the last step, and until the stroke began [m^2] */
+    /* cuts.csv, one row for each step and tool that cut tissue; NULL: the path cuts nothing */
+    FILE *cuts;
+    uint32_t next;            /* index of the next instant cut of the path */
+    /* severed area up to the last step, and up to the start of the stroke [m^2] */
+    double area[PLIANT_MAX_TOOLS], before[PLIANT_MAX_TOOLS];
 } deform_tools;
 
-/* Adds the tools, with hold or blade, in the order of the path to a data without any; opens folder/cuts.csv. Errors: as of pliant_tool_*,
- * FILE. */
+/* Add the path's tools in order, with their grasps or blades, to a simulation without tools, and create
+ * folder/cuts.csv. Errors: as for pliant_tool_*, FILE. */
 pliant_status deform_tools_begin(const pliant_path *path, const char *folder, const pliant_model *model, pliant_data *data, deform_tools *out);
-/* To where the path has them at a time, cuts that are due among it. @param step its number. Errors: as of pliant_tool_* and pliant_data_cut. */
+/* Move the tools to their positions at a time, and perform the instant cuts that are due.
+ * @param step its number
+ * Errors: as for pliant_tool_* and pliant_data_cut. */
 pliant_status deform_tools_move(deform_tools *tools, const pliant_model *model, pliant_data *data, long step, double time);
-/* What the step that was done then has cut, to cuts.csv, and to stdout when a stroke is over. */
+/* Write what this step has cut to cuts.csv, and to stdout at the end of a stroke. */
 void deform_tools_tell(deform_tools *tools, const pliant_data *data, long step, double time);
-/* Errors: FILE. */
+/* Close the file. Errors: FILE. */
 pliant_status deform_tools_end(deform_tools *tools, const pliant_data *data, double time);
 
-/* A point that the path is about: what its first tool holds, or the middle of where a blade goes, or of a cut. false: of none. */
+/* Return a point of interest of the path: the grasped point of its first tool, or the midpoint of a blade's motion or
+ * of a cut. Return false if there is none. */
 bool deform_tools_point(const pliant_path *path, double point[3]);
 
 #ifdef __cplusplus

@@ -14,7 +14,7 @@ static const double usual_view = 50; /* [degrees] */
 
 bool deform_view_read_camera(const char *text, pliant_camera *out)
 {
-    const double up[2][3] = {{0, 0, 1}, {0, -1, 0}}; /* the head, and from there the front */
+    const double up[2][3] = {{0, 0, 1}, {0, -1, 0}}; /* up direction: the head; if the view is along it, the front */
     double from[3], at[3], view = usual_view;
     char beyond;
     const int count = sscanf(text, "%lf,%lf,%lf:%lf,%lf,%lf:%lf%c", from, from + 1, from + 2, at, at + 1, at + 2, &view, &beyond);
@@ -48,7 +48,7 @@ static pliant_status write_camera(const deform_run *run, pliant_view *view, cons
     return status;
 }
 
-/* What attenuates most is white, as on a film. */
+/* Write the film. The maximum attenuation is white. */
 static pliant_status write_film(const char *path, const float *integral)
 {
     uint8_t *rgb = pliant_calloc((size_t)FILM * FILM, 3);
@@ -61,7 +61,7 @@ static pliant_status write_film(const char *path, const float *integral)
     return status;
 }
 
-/* Around the middle of the scan, whose largest side fits on the detector. */
+/* Write a radiograph centred on the scan; the longest side of the scan fits on the detector. */
 static pliant_status write_radiograph(const deform_run *run, pliant_view *view, const char *number)
 {
     const pliant_geometry *scan = &run->inputs->scan.geometry;

@@ -1,4 +1,4 @@
-/* What a camera sees of the deformed scan, and a radiograph of it, as PNG. */
+/* Camera images and radiographs of the deformed scan, as PNG. */
 #ifndef PLIANT_TOOLS_DEFORM_VIEW_H
 #define PLIANT_TOOLS_DEFORM_VIEW_H
 
@@ -9,12 +9,12 @@
 extern "C" {
 #endif
 
-/* "X,Y,Z:X,Y,Z[:DEGREES]" to a camera. false after a message. */
+/* Convert "X,Y,Z:X,Y,Z[:DEGREES]" to a camera. Return false after a message. */
 bool deform_view_read_camera(const char *text, pliant_camera *out);
-/* "PRIMARY,SECONDARY" [degrees] to the angles of a C-arm. false after a message. */
+/* Convert "PRIMARY,SECONDARY" [degrees] to the angles of a C-arm. Return false after a message. */
 bool deform_view_read_arm(const char *text, double angles[2]);
 
-/* folder/cameraNUMBER.png, radiographNUMBER.png, as they were asked for. Errors: FILE, MEMORY, ARGUMENT. */
+/* Write folder/cameraNUMBER.png and radiographNUMBER.png as requested. Errors: FILE, MEMORY, ARGUMENT. */
 pliant_status deform_view_write(const deform_run *run, const char *number);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* pliant_fit: Young's moduli of named materials from measured displacements. */
+/* pliant_fit: fit Young's moduli of named materials to measured displacements. */
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 #include "console.h"
@@ -46,13 +46,13 @@ static const struct option options[] = {
     {"help", no_argument, NULL, HELP},                 {NULL, 0, NULL, 0},
 };
 
-static const double usual_deviation = 5e-4; /* for a patient [m] */
+static const double usual_deviation = 5e-4; /* standard deviation for a patient [m] */
 
 typedef struct fit_arguments {
     pliant_scene scene;
     const char *scan, *markers, *folder, *loads[MOST_LOADS], *names[PLIANT_MAX_MODULI];
     int num_loads, num_names;
-    double deviation; /* 0: the usual one */
+    double deviation; /* 0: the default */
     bool quiet;
 } fit_arguments;
 
@@ -62,7 +62,7 @@ static bool wrong(const char *message)
     return false;
 }
 
-/* "a,b", in place */
+/* Split a list "a,b" in place. */
 static bool read_names(char *text, fit_arguments *out)
 {
     for (char *name = strtok(text, ","); name; name = strtok(NULL, ",")) {

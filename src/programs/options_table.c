@@ -2,7 +2,7 @@
 
 #include "pliant/scene.h"
 
-/* A bar would end the cell. */
+/* escape bars, which would end the cell */
 static void print_cell(FILE *file, const char *text)
 {
     for (; *text; ++text) {

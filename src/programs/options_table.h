@@ -1,4 +1,4 @@
-/* The table of every scene option, as the README shows it. */
+/* Print the table of all scene options. */
 #ifndef PLIANT_TOOLS_OPTIONS_TABLE_H
 #define PLIANT_TOOLS_OPTIONS_TABLE_H
 
@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* Markdown, one row an option, in the order of pliant_scene_options. */
+/* Print Markdown, one row per option, in the order of pliant_scene_options. */
 void options_table_print(FILE *file);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* pliant_phantom: the built-in scan and its label map as files. */
+/* pliant_phantom: write the built-in scan and its label map to files. */
 #include "command_line.h"
 #include "console.h"
 #include "pliant/pliant.h"
@@ -41,7 +41,7 @@ static bool read_size(const char *text, int32_t out[3])
     return sscanf(text, "%dx%dx%d%c", &out[0], &out[1], &out[2], &rest) == 3;
 }
 
-/* True: go on; false: end with *exit_code. */
+/* Return true to continue; false to exit with *exit_code. */
 static bool read_arguments(int argc, char **argv, phantom_arguments *out, int *exit_code)
 {
     static const struct option options[] = {

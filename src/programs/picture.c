@@ -11,7 +11,7 @@ enum { GAP = 4, CROSS = 8, GAP_GREY = 96 };
 
 const picture_plane picture_planes[PICTURE_PLANES] = {{"axial", 0, 1, 2, false}, {"coronal", 0, 2, 1, true}, {"sagittal", 1, 2, 0, true}};
 
-/* Trilinear; outside the volume its background. */
+/* Interpolate trilinearly; outside the volume return the background value. */
 static double sample(const pliant_volume *volume, const double world[3])
 {
     const pliant_geometry *g = &volume->geometry;
@@ -40,7 +40,7 @@ static double sample(const pliant_volume *volume, const double world[3])
     return value;
 }
 
-/* The box of a volume's corners in world axes. */
+/* Return the bounding box of a volume's corners in world axes. */
 static void world_box(const pliant_geometry *geometry, double low[3], double high[3])
 {
     for (int corner = 0; corner < 8; ++corner) {
@@ -75,10 +75,10 @@ void picture_world(const picture_frame *frame, const double point[3], int32_t co
     world[plane->down] = plane->upwards ? frame->high[plane->down] - down : frame->low[plane->down] + down;
 }
 
-/* Panels in a row. */
+/* Panels side by side. */
 typedef struct canvas {
     picture_frame frame;
-    int32_t stride; /* pixels of a row of the whole */
+    int32_t stride; /* pixels per row of the whole picture */
     uint8_t *rgb;
 } canvas;
 
@@ -140,7 +140,7 @@ static void draw_slice(const canvas *canvas, int panel, const pliant_volume *vol
         }
 }
 
-/* Red where the second panel is brighter than the first, blue where it is darker. */
+/* Draw the difference: red where the second panel is brighter than the first, blue where it is darker. */
 static void draw_difference(const canvas *canvas)
 {
     for (int32_t row = 0; row < canvas->frame.height; ++row)
@@ -160,7 +160,7 @@ pliant_status picture_window(const pliant_volume *scan, double *low, double *hig
     pliant_status status = pliant_volume_percentiles(scan, 4, percent, value);
     if (status < 0) return status;
     bool is_ct = scan->modality == PLIANT_MODALITY_CT || (scan->modality == PLIANT_MODALITY_UNKNOWN && value[0] < -500.0);
-    bool narrow = !(value[2] > value[1]); /* nearly all of one value: a few bright voxels */
+    bool narrow = !(value[2] > value[1]); /* nearly all voxels have one value, with a few bright ones */
     *low = is_ct ? -160.0 : value[narrow ? 0 : 1];
     *high = is_ct ? 240.0 : value[narrow ? 3 : 2];
     if (!(*high > *low)) *high = *low + 1.0;

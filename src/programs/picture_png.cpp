@@ -1,4 +1,4 @@
-// PNG files by ITK; the one file of the programs that sees its headers.
+// Write PNG files with ITK. No other file of the programs includes ITK headers.
 #include "pliant/fail.h"
 #include "picture.h"
 

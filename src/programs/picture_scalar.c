@@ -31,11 +31,11 @@ static pliant_status find_range(const picture_scalars *scalars, double *low, dou
     return PLIANT_OK;
 }
 
-/* @param part 0 .. 1 */
+/* @param part in [0, 1] */
 static void colour_of(double part, uint8_t rgb[3])
 {
     for (int c = 0; c < 3; ++c) {
-        double centre = 0.75 - 0.25 * c; /* where red, green, blue are strongest */
+        double centre = 0.75 - 0.25 * c; /* position of the maximum of red, green, blue */
         rgb[c] = (uint8_t)(255.0 * fmin(fmax(1.5 - 4.0 * fabs(part - centre), 0.0), 1.0) + 0.5);
     }
 }

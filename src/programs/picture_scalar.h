@@ -1,4 +1,4 @@
-/* Pictures of a number per tetrahedron, in colours, where the deformed tissue is cut by the three planes. */
+/* Coloured pictures of a scalar per tetrahedron on three planes through the deformed tissue. */
 #ifndef PLIANT_TOOLS_PICTURE_SCALAR_H
 #define PLIANT_TOOLS_PICTURE_SCALAR_H
 
@@ -14,9 +14,10 @@ typedef struct picture_scalars {
     const float *of_tet;     /* (mesh.num_tets) */
 } picture_scalars;
 
-/* folder/NAME_axial.png, NAME_coronal.png, NAME_sagittal.png: blue, cyan, green, yellow, red from the 1st to the 99th percentile, told
- * in the log, with that scale at the right edge; black where no tissue is. Errors: FILE, MEMORY.
- *  @param shown the grid whose box is seen */
+/* Write folder/NAME_axial.png, NAME_coronal.png, NAME_sagittal.png. Colours are blue, cyan, green, yellow, red from the
+ * 1st to the 99th percentile, and black without tissue. The scale is at the right edge, and its range is logged.
+ * Errors: FILE, MEMORY.
+ * @param shown grid whose box is drawn */
 pliant_status picture_scalar(const char *folder, const char *name, const picture_scalars *scalars, const pliant_geometry *shown, const double point[3]);
 
 #ifdef __cplusplus

@@ -12,7 +12,7 @@ static const uint8_t red[3] = {230, 25, 25}, white[3] = {255, 255, 255};
 /* Return whether a point lies in a tetrahedron: on the inner side of its four faces. */
 static bool holds(const double corner[4][3], const double at[3])
 {
-    double volume[5]; /* of the tetrahedron, and with the point instead of a corner */
+    double volume[5]; /* volume of the tetrahedron, and with each corner replaced by the point */
     for (int n = 0; n < 5; ++n) {
         const double *c[4] = {corner[0], corner[1], corner[2], corner[3]};
         double e[3][3];
@@ -28,7 +28,7 @@ static bool holds(const double corner[4][3], const double at[3])
     return volume[0] != 0.0;
 }
 
-/* Pixels from the first to behind the last that a tetrahedron may cover, along one axis of the panel. */
+/* Find the pixels, first to last (exclusive), that a tetrahedron may cover along one axis of the panel. */
 static void pixel_range(double low, double high, double origin, double pixel, int32_t size, int32_t *first,
                         int32_t *last)
 {
@@ -98,7 +98,7 @@ static void colour_tets(const picture_frame *frame, const picture_mesh *mesh, co
         }
 }
 
-/* Find where an edge meets the plane. */
+/* Find the intersection of an edge and the plane. */
 static bool meets(const double *a, const double *b, int normal, double height, double out[3])
 {
     const double from = a[normal] - height, to = b[normal] - height;
@@ -129,7 +129,7 @@ static void draw_strip(const picture_frame *frame, const double point[3], const 
     }
 }
 
-/* Return a grid of one voxel, slightly larger than the box of the positions. */
+/* Return a grid of one voxel, slightly larger than the bounding box of the positions. */
 static pliant_geometry box_of(const picture_mesh *mesh)
 {
     pliant_geometry box = {.size = {1, 1, 1}, .direction = {1, 0, 0, 0, 1, 0, 0, 0, 1}};

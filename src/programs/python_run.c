@@ -18,7 +18,7 @@ int python_run(const char *const *words)
     if (child == 0) {
         stop_signals_in_child();
 #ifdef __linux__
-        prctl(PR_SET_PDEATHSIG, SIGTERM); /* a program that is ended does not leave its script running */
+        prctl(PR_SET_PDEATHSIG, SIGTERM); /* the script ends when the program ends */
 #endif
         execvp(words[0], (char *const *)words);
         _exit(127);
@@ -30,7 +30,7 @@ int python_run(const char *const *words)
 
 const char *python_find(const char *packages)
 {
-    /* another python3 may come first on the path than the one that the distribution's packages belong to */
+    /* the first python3 on the path may lack the distribution's packages */
     static const char *const pythons[] = {"python3", "/usr/bin/python3"};
     char probe[256];
     snprintf(probe, sizeof probe, "import sys\ntry: import %s\nexcept ImportError: sys.exit(3)", packages);

@@ -1,4 +1,4 @@
-/* Python programs, run where their packages are. */
+/* Run Python programs with an interpreter that has the required packages. */
 #ifndef PLIANT_TOOLS_PYTHON_RUN_H
 #define PLIANT_TOOLS_PYTHON_RUN_H
 
@@ -6,9 +6,10 @@
 extern "C" {
 #endif
 
-/* The python3 that has these packages ("numpy, pyarrow"): the first on the path, or the distribution's; NULL: none. */
+/* Return a python3 that has these packages ("numpy, pyarrow"): the first on the path, or the distribution's; NULL:
+ * none. */
 const char *python_find(const char *packages);
-/* Runs a program with its arguments, the last NULL. Returns its exit code; 127 when there is none of this name. */
+/* Run a program with its arguments, terminated by NULL. Return its exit code; 127 if it does not exist. */
 int python_run(const char *const *words);
 
 #ifdef __cplusplus

@@ -89,7 +89,7 @@ static bool wrong(const char *option, const char *text, const char *wanted)
     return false;
 }
 
-/* "1,2,0" */
+/* Read a list "1,2,0". */
 static bool read_list(const char *option, const char *text, long low, long high, int32_t *out, int *count, int most)
 {
     *count = 0;
@@ -124,7 +124,7 @@ static bool read_methods(const char *text, uint32_t *out)
     }
 }
 
-/* "a,b", in place */
+/* Split a list "a,b" in place. */
 static bool read_names(char *text, report_arguments *out)
 {
     out->num_names = 0;
@@ -135,7 +135,7 @@ static bool read_names(char *text, report_arguments *out)
     return true;
 }
 
-/* "group/name=a,b" */
+/* Read "group/name=a,b". */
 static bool read_vary(const char *text, pliant_sweep *out)
 {
     const char *equals = strchr(text, '=');
@@ -167,7 +167,7 @@ static void set_full(report_arguments *out)
     out->stability.long_steps = 1000000;
 }
 
-/* The scene first, then --quick and --full, then what changes single things, wherever they stand on the command line. */
+/* Read the scene first, then --quick and --full, then single options, in any order on the command line. */
 static bool read_scene(int argc, char **argv, report_arguments *out, int *exit_code)
 {
     bool full = false;
@@ -263,7 +263,7 @@ static bool read_one(int code, report_arguments *out)
     return good;
 }
 
-/* roslaunch adds __name:=... and __log:=...; returns how many arguments are left */
+/* Remove the arguments __name:=... and __log:=... that roslaunch adds. Return the remaining count. */
 static int drop_ros(int argc, char **argv)
 {
     int kept = 1;

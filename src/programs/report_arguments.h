@@ -11,22 +11,22 @@ extern "C" {
 enum { MOST_MEASURED = 16, MOST_PARTS = 256 };
 
 typedef struct report_arguments {
-    pliant_scene scene;           /* of the scene file and --set */
-    const char *scan;             /* Nullable: only stability, on a block */
+    pliant_scene scene;           /* from the scene file and --set */
+    const char *scan;             /* Nullable: only the stability tests, on a block */
     const char *folder;
-    const char *measured[MOST_MEASURED]; /* folders to validate on */
+    const char *measured[MOST_MEASURED]; /* folders with measurements for validation */
     const char *names[PLIANT_MAX_MODULI];
-    const char *parts[MOST_PARTS];       /* folders whose rows are taken over */
+    const char *parts[MOST_PARTS];       /* folders whose rows are merged */
     int num_measured, num_names, num_parts;
-    pliant_sweep sweep;           /* its points: those given with --at */
+    pliant_sweep sweep;           /* including the points given with --at */
     int32_t labels[PLIANT_MAX_PULLS];
-    int num_labels, num_points;   /* most points to pull at, where none are given */
+    int num_labels, num_points;   /* num_points: maximum number of points to pull if none is given */
     pliant_stability stability;
-    bool pull_given;              /* else it is scaled to the body */
+    bool pull_given;              /* the pull was given; otherwise it is scaled to the body */
     bool do_sweep, do_truth, do_left_out, do_stability, stability_on_scan, pictures, quiet;
 } report_arguments;
 
-/* True: go on. False: end now with *exit_code. */
+/* Read the command line. Return true to continue; false to exit with *exit_code. */
 bool report_arguments_read(int argc, char **argv, report_arguments *out, int *exit_code);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* pliant_report: accuracy against run time on the user's own scan, stability, and what each stage costs. */
+/* pliant_report: measure accuracy against run time on the user's scan, stability, and the cost of each stage. */
 #define _POSIX_C_SOURCE 200809L
 #include "choice_output.h"
 #include "command_line.h"
@@ -23,7 +23,7 @@ typedef struct report_program {
     pliant_verdict worst;
 } report_program;
 
-/* What is told about every one of hundreds of models and runs is not worth a line here. */
+/* Hundreds of models and runs write log lines, so only warnings and errors are printed. */
 static void print_warning(pliant_log_level level, const char *message, void *user)
 {
     (void)user;
@@ -64,7 +64,7 @@ static pliant_status run_stability(report_program *program)
 {
     report_arguments *arguments = program->arguments;
     const pliant_report_input *input = arguments->scan && arguments->stability_on_scan ? &program->input : NULL;
-    /* refusals are what is looked for: they go to the table, not to the screen */
+    /* The tests provoke errors, which are written to the table instead of the screen. */
     pliant_set_log(NULL, NULL);
     arguments->stability.scene = &arguments->scene;
     pliant_status status = pliant_stability_run(input, &arguments->stability, &program->tables, console_progress(), &program->worst);
@@ -74,7 +74,7 @@ static pliant_status run_stability(report_program *program)
     return status;
 }
 
-/* @param alone  what cannot be estimated is an error; beside other reports a warning */
+/* @param alone whether an impossible estimate is an error; next to other reports it is a warning */
 static pliant_status run_truth(report_program *program, bool alone)
 {
     pliant_truth worst;
@@ -87,7 +87,7 @@ static pliant_status run_truth(report_program *program, bool alone)
     return PLIANT_OK;
 }
 
-/* ---- what is shown at the end */
+/* ---- summary */
 
 static const char *cell(const pliant_results *table, size_t row, const char *name)
 {
@@ -175,18 +175,19 @@ static pliant_status run(report_program *program)
     for (int m = 0; status >= 0 && m < arguments->num_parts; m++) status = pliant_report_merge(arguments->parts[m], arguments->folder, &program->tables);
     if (status < 0) return status;
     const size_t merged = pliant_results_rows(program->tables.sweep);
-    if (arguments->num_parts && !arguments->scan && merged > 0) /* the newest rows are shown */
+    if (arguments->num_parts && !arguments->scan && merged > 0) /* the last rows are printed */
         snprintf(program->setup, sizeof program->setup, "%s", pliant_results_cell(program->tables.sweep, merged - 1, 0));
     bool choosable = arguments->sweep.shard <= 1 && arguments->scene.solver.kind == PLIANT_COROTATIONAL && arguments->scene.mesh.kind == PLIANT_LATTICE &&
                    !arguments->scene.mesh.file[0];
-    if (arguments->do_sweep && choosable) { /* what a load of this scene would take */
+    if (arguments->do_sweep && choosable) { /* record the settings that a load of this scene would choose */
         pliant_choice choice;
         status = choice_output(&program->input, arguments->folder, arguments->pictures, &choice);
     }
     if (status >= 0 && arguments->do_sweep)
         status = pliant_sweep_run(&program->input, &arguments->sweep, arguments->folder, &program->tables, console_progress());
     if (status >= 0 && arguments->do_truth) status = run_truth(program, !arguments->do_sweep && !arguments->do_left_out);
-    pliant_status swept = status; /* what cannot be swept (tled on a ground plane) can be reported on otherwise */
+    /* a scene that cannot be swept (tled on a ground plane) can still have the other reports */
+    pliant_status swept = status;
     if (status == PLIANT_ERROR_SCENE) status = PLIANT_OK;
     if (status >= 0 && arguments->do_left_out)
         status = pliant_left_out_run(&program->input, &arguments->sweep, &program->tables, console_progress());

@@ -1,4 +1,4 @@
-/* pliant_segment: the labels that segment/kind gmm finds in a scan, as a map, a table and pictures, to pick targets from. */
+/* pliant_segment: write the labels that segment/kind gmm finds in a scan, as a map, a table and pictures. */
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 #include "console.h"
@@ -34,7 +34,7 @@ typedef struct segment_arguments {
     pliant_scene scene;
     const char *scan, *folder;
     bool has_point;
-    double point[3]; /* LPS [m] */
+    double point[3]; /* point on the planes of pictures, LPS [m] */
 } segment_arguments;
 
 static bool read_point(const char *text, segment_arguments *out)
@@ -47,7 +47,7 @@ static bool read_point(const char *text, segment_arguments *out)
     return out->has_point;
 }
 
-/* True: go on; false: end with *exit_code. */
+/* Return true to continue; false to exit with *exit_code. */
 static bool read_arguments(int argc, char **argv, segment_arguments *out, int *exit_code)
 {
     static const struct option options[] = {
@@ -114,7 +114,7 @@ static void print(const pliant_segmentation *found, double seconds)
     if (found->num_pieces > MOST_SHOWN) printf("and %d smaller ones, in pieces.csv\n", (int)found->num_pieces - MOST_SHOWN);
 }
 
-/* Set the point that pictures go through: --at, else the middle of the scan. Errors: ARGUMENT (outside of the scan). */
+/* Set the point for pictures: --at, or the centre of the scan. Errors: ARGUMENT (outside the scan). */
 static pliant_status find_point(segment_arguments *arguments, const pliant_geometry *geometry)
 {
     double middle[3], index[3], *at = arguments->point;
@@ -150,7 +150,8 @@ int main(int argc, char **argv)
     console_start(PLIANT_LOG_INFO);
     const pliant_scene *scene = &arguments.scene;
     arguments.scene.segment.kind = PLIANT_SEGMENT_NONE;
-    pliant_status status = pliant_material_table_default(&materials); /* not looked at: any scan will do */
+    /* the materials are not used, so any scan is accepted */
+    pliant_status status = pliant_material_table_default(&materials);
     if (status >= 0) status = pliant_scan_inputs_read(scene, &materials, arguments.scan, &scan, &labels);
     pliant_segment_options options;
     if (status >= 0) pliant_segment_options_from(scene, &scan.geometry, &options);

@@ -28,12 +28,13 @@ static void *wait_for_signals(void *unused)
     int number;
     while (sigwait(&set, &number) != 0) {}
     told(number);
-    sigtimedwait(&set, NULL, &left); /* or a second signal */
+    sigtimedwait(&set, NULL, &left); /* returns early on a second signal */
     _exit(EXIT_STOPPED);
     return unused;
 }
 
-/* OpenBLAS begins threads before main, which would take the signals. It ends them at a fork, and later begins others that inherit the mask. */
+/* End the threads that OpenBLAS starts before main, which would receive the signals. OpenBLAS ends its threads at a
+ * fork; threads that it starts later inherit the signal mask. */
 static void end_early_threads(void)
 {
     const pid_t child = fork();
@@ -49,7 +50,7 @@ void stop_on_signals(void (*asked)(int number))
     if (pthread_sigmask(SIG_BLOCK, &set, NULL) != 0) return;
     end_early_threads();
     if (pthread_create(&thread, NULL, wait_for_signals, NULL) == 0) pthread_detach(thread);
-    else pthread_sigmask(SIG_UNBLOCK, &set, NULL); /* signals end the program as they do by default */
+    else pthread_sigmask(SIG_UNBLOCK, &set, NULL); /* the default action of the signals ends the program */
 }
 
 void stop_signals_in_child(void)

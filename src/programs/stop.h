@@ -1,4 +1,4 @@
-/* The end of a program that is asked to stop while it computes or reads. */
+/* Stop a program on request while it computes or reads. */
 #ifndef PLIANT_TOOLS_STOP_H
 #define PLIANT_TOOLS_STOP_H
 
@@ -6,12 +6,13 @@
 extern "C" {
 #endif
 
-/* Call the function once on SIGINT or SIGTERM, from a thread of its own. If the program still runs after 0.7 s, or at a second signal, end it with
- * EXIT_STOPPED: a factor or a file cannot be left in between. To be called before any other thread begins: all of them then block these signals,
- * since METIS sets a handler for SIGTERM while it orders a matrix, and the signal would be lost there. */
+/* Call a function once on SIGINT or SIGTERM, from a separate thread. If the program still runs after 0.7 s, or at a
+ * second signal, it exits with EXIT_STOPPED, because a factorization or a file read cannot be interrupted. Call this
+ * before any other thread starts, so that all threads block these signals. METIS installs a handler for SIGTERM while
+ * it orders a matrix, and would lose the signal. */
 void stop_on_signals(void (*asked)(int number));
 
-/* After fork: let the child receive these signals. */
+/* Unblock these signals in a child process after fork. */
 void stop_signals_in_child(void);
 
 #ifdef __cplusplus

@@ -92,7 +92,7 @@ static int compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Sorted in place of what was there; the mean. */
+/* Sort a column into a buffer and return the mean. */
 static double sort_column(const step_times *times, int column, double *sorted)
 {
     double sum = 0.0;
@@ -117,7 +117,7 @@ pliant_status timing_end(step_times *times)
     return steps < 0 ? steps : tools;
 }
 
-/* @param whole mean of the whole step [s] */
+/* @param whole mean time of the whole step [s] */
 static void print_row(FILE *file, const char *name, const step_times *times, int column, double whole, double *sorted)
 {
     double mean = sort_column(times, column, sorted);

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""The arrays of pliant_bag --export numpy as a dataset in LeRobot's layout (huggingface.co/docs/lerobot): version 2.1, or 3.0 for LeRobot 0.4 and later.
+"""Convert the arrays of pliant_bag --export numpy to a dataset in LeRobot's layout (huggingface.co/docs/lerobot):
+version 2.1, or 3.0 for LeRobot 0.4 and later.
 
     pliant_lerobot ARRAYS DATASET [--task TEXT] [--layout 2.1|3.0]
 
-Needs numpy and pyarrow. Colour pictures become mp4 (H.264) where ffmpeg is installed and both sides are even, png inside the tables where not;
-maps of labels and depths stay arrays.
+Needs numpy and pyarrow. Colour pictures become mp4 (H.264) if ffmpeg is installed and both sides are even, otherwise
+png inside the tables. Label maps and depths stay arrays.
 """
 import argparse
 import json
@@ -21,10 +22,10 @@ try:
     import pyarrow.parquet
 except ModuleNotFoundError as missing:
     sys.exit("%s is missing: pip install %s" % (missing.name, missing.name))
-except ImportError as wrong:  # there, but not for what else is installed
+except ImportError as wrong:  # installed, but one of its dependencies is missing
     sys.exit(str(wrong))
 
-CHUNK = 1000  # episodes in a folder
+CHUNK = 1000  # number of episodes per folder
 DATA = {"2.1": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet", "3.0": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"}
 VIDEO = {"2.1": "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
          "3.0": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"}
@@ -32,11 +33,12 @@ INDICES = ("frame_index", "episode_index", "index", "task_index")
 
 
 def png(picture):
-    """An array, height x width x 3, as a file."""
+    """Encode an array (height x width x 3) as a png file."""
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     height, width = picture.shape[:2]
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)  # each begins with its filter: none
+    # each line starts with its filter type: none
+    lines = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines.tobytes(), 6)) + chunk(b"IEND", b"")
 
@@ -51,13 +53,14 @@ def write_video(path, pictures, fps):
             encoder.stdin.write(picture.tobytes())
         encoder.stdin.close()
     except BrokenPipeError:
-        pass  # ffmpeg has said why
+        pass  # ffmpeg has printed the reason
     if encoder.wait() != 0:
         sys.exit("ffmpeg could not write " + path)
 
 
 class Pictures:
-    """The recorded pictures of a camera, and which of them each row shows: a picture is stored once, though rows come more often."""
+    """Recorded pictures of a camera, and the index of the picture that each row shows. A picture is stored once,
+    even if several rows show it."""
 
     def __init__(self, recorded, index):
         self.recorded, self.index, self.ndim = recorded, index, recorded.ndim
@@ -73,16 +76,17 @@ class Pictures:
         return (self.recorded[number] for number in self.index)
 
     def files(self):
-        """Of each row, its picture as png."""
+        """Yield the picture of each row as png."""
         made = {}
         for number in self.index:
             if number not in made:
-                made = {number: png(self.recorded[number])}  # rows go on: no older one comes again
+                made = {number: png(self.recorded[number])}  # indices ascend, so an earlier picture is not needed again
             yield made[number]
 
 
 def statistics(values):
-    """Of one episode; of pictures by colour, from 0 to 1, over at most 100 of them and about 150 pixels of each side."""
+    """Return the statistics of one episode. For pictures: per colour channel in [0, 1], over at most 100 pictures
+    and about 150 pixels per side."""
     pictures = values.ndim == 4
     if pictures:
         pixels = max(1, max(values.shape[1:3]) // 150)
@@ -99,7 +103,7 @@ def statistics(values):
 
 
 def together(each):
-    """Statistics of all episodes from those of each."""
+    """Combine the statistics of all episodes."""
     count = np.array([stats["count"][0] for stats in each], np.float64)
     mean, std = (np.array([stats[name] for stats in each]) for name in ("mean", "std"))
     weight = (count / count.sum()).reshape([-1] + [1] * (mean.ndim - 1))
@@ -125,7 +129,8 @@ class Dataset:
 
     def load_pictures(self, name):
         recorded = self.load("image_" + name)
-        is_indexed = os.path.exists(os.path.join(self.arrays, "index_%s.npy" % name))  # older exports have a picture a row
+        # older exports contain one picture per row
+        is_indexed = os.path.exists(os.path.join(self.arrays, "index_%s.npy" % name))
         return Pictures(recorded, np.asarray(self.load("index_" + name)) if is_indexed else np.arange(len(recorded)))
 
     def path(self, name):
@@ -135,7 +140,7 @@ class Dataset:
 
     @staticmethod
     def where(episode):
-        """What stands for an episode in the names of files: a file of its own in either layout."""
+        """Return the values for an episode's file names; every episode has a separate file in both layouts."""
         return {"episode_chunk": episode // CHUNK, "episode_index": episode, "chunk_index": episode // CHUNK, "file_index": episode % CHUNK}
 
     def features(self):
@@ -154,7 +159,7 @@ class Dataset:
         return out
 
     def write_episode(self, episode, rows):
-        """Its table and videos. Returns its statistics."""
+        """Write an episode's table and videos, and return its statistics."""
         length = rows.stop - rows.start
         number = np.arange(length)
         values = {"observation.state": self.state[rows].astype(np.float32), "action": self.action[rows].astype(np.float32)}
@@ -162,7 +167,7 @@ class Dataset:
         values["timestamp"] = (number / self.columns["fps"]).astype(np.float32)
         values.update(zip(INDICES, (number, np.full(length, episode), number + rows.start, np.zeros(length, np.int64))))
         where = self.where(episode)
-        columns, kinds = {}, {}  # kinds: what the package datasets reads of a table
+        columns, kinds = {}, {}  # kinds: metadata for the package `datasets`
         for key, array in values.items():
             if key in self.videos:
                 write_video(self.path(VIDEO[self.layout].format(video_key=key, **where)), array, self.columns["fps"])
@@ -177,7 +182,7 @@ class Dataset:
                 columns[key] = pa.array(array)
                 kinds[key] = {"dtype": str(array.dtype), "_type": "Value"}
         table = pa.table(columns).replace_schema_metadata({"huggingface": json.dumps({"info": {"features": kinds}})})
-        # equal pictures are stored once, in the column's dictionary, however large it is
+        # equal pictures are stored once, in the column's dictionary of any size
         pa.parquet.write_table(table, self.path(DATA[self.layout].format(**where)), dictionary_pagesize_limit=1 << 30)
         return {key: statistics(array) for key, array in values.items()}
 
@@ -213,7 +218,8 @@ class Dataset:
             file.writelines(json.dumps(line) + "\n" for line in lines)
 
     def write_tables(self, episodes, stats, bounds):
-        """What layout 3.0 has in place of lines: tasks by their text, as pandas keeps an index, and a row an episode with where it is found."""
+        """Write the tables of layout 3.0: the tasks, in the index format of pandas, and one row per episode with the
+        location of its data."""
         index = {"index_columns": ["__index_level_0__"], "column_indexes": [], "pandas_version": "2.0.0", "columns": [
             {"name": None, "field_name": "__index_level_0__", "pandas_type": "unicode", "numpy_type": "object", "metadata": None},
             {"name": "task_index", "field_name": "task_index", "pandas_type": "int64", "numpy_type": "int64", "metadata": None}]}

@@ -1,5 +1,5 @@
-"""Pliant's ROS package: messages (pliant.msg) and services (pliant.srv), which need nothing else; and everything of pliant.simulation, which is
-imported, with numpy and the library, once something of it is asked for: pliant.Sim(...)."""
+"""Pliant's ROS package: messages (pliant.msg) and services (pliant.srv), which have no further dependencies.
+The names of pliant.simulation, such as pliant.Sim, are imported on first use, together with numpy and the library."""
 import importlib
 
 

@@ -1,4 +1,4 @@
-"""Pliant from Python: a scan as tissue that is pulled, held and cut.
+"""Python interface of Pliant: simulate a scan as tissue that can be pulled, grasped and cut.
 
     import pliant
     sim = pliant.Sim("scene.yaml", scan="ct.nii.gz")     # or pliant.Sim(options={"solver/iterations": 8}): the built-in phantom
@@ -8,9 +8,12 @@
     sim.step()
     sim.nodes, forceps.force, sim.error, sim.volume().values
 
-Lengths are metres, forces newtons, axes the patient's (LPS). Arrays are copies: they stay as they are when the simulation goes on. Steps let
-other threads run; several simulations may share one Model. A thread that uses a simulation during another thread's step waits for its end.
-Needs numpy and libpliant.so, which is looked for in $PLIANT_LIBRARY, beside this file and where it is installed, and on the system's path.
+Lengths are in metres, forces in newtons, axes are the patient's (LPS). Arrays are copies, which later steps do not
+change. Other Python threads run during a step, and several simulations may share one Model. A thread that uses a
+simulation during another thread's step waits for its end.
+
+Needs numpy and libpliant.so, which is searched in $PLIANT_LIBRARY, next to this file, in the installation folder,
+and on the system's path.
 """
 import ctypes
 import functools
@@ -22,7 +25,7 @@ import weakref
 
 import numpy as np
 
-if __package__:  # beside the messages of ROS
+if __package__:  # installed in the same package as the ROS messages
     from . import pliant_library as _c
 else:
     import pliant_library as _c
@@ -41,7 +44,7 @@ class _OptionInfo(ctypes.Structure):
 
 
 def options():
-    """Every option of a scene: {"solver/iterations": {"kind", "default", "range", "unit", "text"}}."""
+    """Return every option of a scene: {"solver/iterations": {"kind", "default", "range", "unit", "text"}}."""
     count = ctypes.c_size_t()
     table = ctypes.cast(_c.library.pliant_scene_options(ctypes.byref(count)), ctypes.POINTER(_OptionInfo))
     return {"%s/%s" % (info.group.decode(), info.name.decode()): {key: getattr(info, key).decode() for key in ("kind", "default", "range", "unit", "text")}
@@ -56,14 +59,17 @@ def _option_text(value):
     return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
 
 
-# ---- what is built once
+# ---- constant data
 
 class Model:
-    """A scan and what follows from it and a scene. Constant: any number of simulations may share it.
+    """A scan and the data computed from it and a scene. Constant; any number of simulations may share it.
 
-    scene: path of a YAML file, or None; scan: "phantom", "phantom:80x58x60", or a path; options: {"group/name": value}, over those of the file;
-    progress: called with (fraction, stage); returns False to cancel; shapes: tools with a shape will touch the tissue, so that element/kind auto
-    becomes linear, through which nothing passes."""
+    scene: path of a YAML file, or None
+    scan: "phantom", "phantom:80x58x60", or a path
+    options: {"group/name": value}; they override the file
+    progress: called with (fraction, stage); return False to cancel
+    shapes: tools with a shape will touch the tissue; element/kind auto then becomes linear, so that contact
+    prevents tunneling"""
 
     def __init__(self, scene=None, scan="phantom", options=None, progress=None, shapes=False):
         self._scene = _c.Struct("pliant_scene")
@@ -81,7 +87,7 @@ class Model:
         def ask(fraction, stage, user):
             try:
                 return progress(fraction, stage.decode()) is not False
-            except BaseException as error:  # C cannot pass it on
+            except BaseException as error:  # exceptions cannot pass through C
                 raised.append(error)
                 return False
         report = _c.Progress.function_type(ask) if progress else None
@@ -117,14 +123,14 @@ class Model:
 
     @property
     def materials(self):
-        """Names, by the numbers that Sim.materials tells."""
+        """Names of the materials; Sim.materials contains indices into this list."""
         table = _c.Struct("pliant_material_table", _c.library.pliant_model_get_materials(self._model))
         size = _c.library.pliant_layout_size(b"pliant_material")
         return [_c.Struct("pliant_material", table["materials"] + size * m)["name"] for m in range(table["num_materials"])]
 
     @property
     def scan(self):
-        """The scan that it was built from."""
+        """The scan of the model."""
         return _volume_at(_c.library.pliant_model_get_scan(self._model))
 
 
@@ -134,11 +140,11 @@ def _free_model(built, scan):
 
 
 class _Held:
-    """What a simulation holds of the library. It is freed once: by close(), or when the Sim is no longer in use."""
+    """Library objects of a simulation. They are freed once: by close(), or when the Sim is garbage-collected."""
 
     def __init__(self, model, data):
         self.model, self.data, self.lock = model, data, threading.RLock()
-        self.view = self.warp = self.body = None  # body: retained, of the warp
+        self.view = self.warp = self.body = None  # body: retained, used by the warp
 
     def free(self):
         with self.lock:
@@ -152,7 +158,7 @@ class _Held:
 
 
 def _while_open(function):
-    """A function of Sim or Tool that holds the simulation's lock, and raises Error after close()."""
+    """Wrap a function of Sim or Tool: hold the simulation's lock, and raise Error after close()."""
     @functools.wraps(function)
     def locked(self, *arguments, **named):
         held = self._held
@@ -164,7 +170,7 @@ def _while_open(function):
 
 
 def _all_while_open(of):
-    """Wrap every public function and property of a class in _while_open, but for close and model."""
+    """Wrap every public function and property of a class in _while_open, except close and model."""
     for name, member in list(vars(of).items()):
         if name.startswith("_") or name in ("close", "model"):
             continue
@@ -176,7 +182,8 @@ def _all_while_open(of):
 
 
 class Volume:
-    """A copy of a volume. values[k, j, i] as stored; voxel (i, j, k) lies at origin + direction @ (spacing * (i, j, k))."""
+    """A copy of a volume. values[k, j, i] are stored values; voxel (i, j, k) lies at origin + direction @ (spacing *
+    (i, j, k))."""
 
     def __init__(self, values, origin, spacing, direction, slope=1.0, intercept=0.0, background=0.0):
         self.values, self.origin, self.spacing, self.direction = values, origin, spacing, direction
@@ -184,7 +191,7 @@ class Volume:
 
     @property
     def intensities(self):
-        """With slope and intercept; of a CT Hounsfield units."""
+        """Values with slope and intercept applied; Hounsfield units for CT."""
         return self.slope * self.values.astype(np.float32) + self.intercept
 
 
@@ -196,8 +203,9 @@ def _volume_at(address):
 
 
 class Displacement:
-    """A copy of a displacement field. vectors[k, j, i] LPS [m] at voxel (i, j, k), which lies where Volume says; mask[k, j, i]: 0 no tissue (the
-    vector is that of the nearest tissue), 1 tissue, 2 near a cut, where interpolation mixes the cut's two sides."""
+    """A copy of a displacement field. vectors[k, j, i] LPS [m] belongs to voxel (i, j, k), whose position is as in
+    Volume. mask[k, j, i]: 0 no tissue (the vector of the nearest tissue is used), 1 tissue, 2 near a cut, where
+    interpolation mixes both sides of the cut."""
 
     def __init__(self, field):
         self._field = field
@@ -208,7 +216,8 @@ class Displacement:
         weakref.finalize(self, _free_displacement, field)
 
     def save(self, path):
-        """Write the field [mm] as ITK and 3D Slicer read it (.nii.gz, .nii, .nrrd, .mha), and the mask to the same name with _mask."""
+        """Write the field [mm] in the format of ITK and 3D Slicer (.nii.gz, .nii, .nrrd, .mha), and the mask to the
+        same name with _mask."""
         _c.call("displacement_write", os.fsencode(path), self._field.address)
 
 
@@ -217,16 +226,19 @@ def _free_displacement(field):
 
 
 class Cut:
-    """What a cut has severed: area at rest [m^2], links between voxels, pieces of tissue after it."""
+    """Result of a cut: area at rest [m^2], number of links between voxels, number of tissue pieces after the cut."""
 
     def __init__(self, report):
         self.area, self.links, self.touched, self.pieces = report["area"], report["num_links"], report["touched"], report["pieces"]
 
 
 class Contacts:
-    """Points where tissue is pressed: points (n, 3) LPS [m], normals (n, 3) unit, into the tissue, forces (n, 3) on it [N], areas (n) that they
-    stand for, at rest [m^2], 0 for points that keep corners of triangles out of a proxy's core, depths (n) in what presses, below 0 where it has moved away again [m]; tools (n) numbers, -1: of no tool; parts (n)
-    of the tool's shape; tissue (n) True where tissue presses."""
+    """Contact points, one entry of each array per point (n):
+    points (n, 3) LPS [m]; normals (n, 3) unit vectors into the tissue; forces (n, 3) on the tissue [N];
+    areas (n) at rest [m^2], 0 for points that only keep triangle corners out of a proxy's core;
+    depths (n) penetration depth, negative after a separation [m];
+    tools (n) index, -1: no tool; parts (n) part of the tool's shape; tissue (n) True for contact between tissue and
+    tissue."""
 
     def __init__(self, told):
         self._told = told
@@ -237,7 +249,7 @@ class Contacts:
         return len(self._told)
 
     def of(self, tool):
-        """Those of one tool, by its number."""
+        """Contacts of one tool, by its index."""
         return Contacts(self._told[self.tools == tool])
 
 
@@ -249,8 +261,8 @@ class Proxy(typing.NamedTuple):
 
 
 class Picture:
-    """What a camera sees: rgb (height, width, 3) uint8, depth along z [m], NaN where nothing is, label (height, width) of the tissue: a number in
-    Model.materials plus 1, 0 for none."""
+    """A camera image: rgb (height, width, 3) uint8; depth along z [m], NaN without tissue; label (height, width): 1
+    + index in Model.materials, 0 without tissue."""
 
     def __init__(self, height, width):
         self.rgb, self.depth = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32)
@@ -258,7 +270,8 @@ class Picture:
 
 
 def look_at(point, at, up=(0, 0, 1)):
-    """T of a camera at a point that looks at another one [m]; up: direction that is up in its image."""
+    """Return the pose T of a camera at a point that looks at another point [m]; up: direction that is up in its
+    image."""
     camera = _c.Struct("pliant_camera")
     numbers = [_c.numbers(v, 3) for v in (point, at, up)]
     _c.call("camera_look_at", camera.address, *(address for _, address in numbers))
@@ -266,7 +279,7 @@ def look_at(point, at, up=(0, 0, 1)):
 
 
 def _whole(size):
-    """Width and height of a picture [pixels]."""
+    """Check the width and height of a picture [pixels]."""
     width, height = (operator.index(n) for n in size)
     if not (0 < width <= 16384 and 0 < height <= 16384):
         raise ValueError("size %s: expected a width and a height of 1 to 16384 pixels" % (size,))
@@ -284,13 +297,14 @@ def _camera(K, T, size, near, far):
     return camera
 
 
-# ---- what moves
+# ---- simulation state
 
 @_all_while_open
 class Sim:
-    """A simulation of a model, or of a scene and a scan as Model takes them; ValueError: a model and what only makes one.
+    """A simulation of a model, or of a scene and a scan as for Model. Raises ValueError if a model is combined with
+    arguments of Model.
 
-    copy.copy and copy.deepcopy do as copy() does: the copies share the Model. A simulation cannot be pickled."""
+    copy.copy and copy.deepcopy are equal to copy(): the copies share the Model. A simulation cannot be pickled."""
 
     def __init__(self, scene=None, scan="phantom", options=None, model=None, progress=None, shapes=False):
         if model is not None and (scene is not None or options or shapes):
@@ -303,7 +317,7 @@ class Sim:
         _c.call("data_create", model._model, ctypes.byref(data))
         self._own(model, data.value, {})
 
-    def _own(self, model, data, tools):  # tools: numbers by name
+    def _own(self, model, data, tools):  # tools: index by name
         self._held, self._tools = _Held(model, data), tools
         weakref.finalize(self, self._held.free)
 
@@ -316,7 +330,8 @@ class Sim:
         return self._held.model
 
     def close(self):
-        """Free its memory, after the end of another thread's step. Whatever is asked of it or of its tools then raises Error."""
+        """Free the memory after the end of another thread's step. Later use of the simulation or its tools raises
+        Error."""
         self._held.free()
 
     def __copy__(self):
@@ -330,25 +345,26 @@ class Sim:
 
     # STEPS
     def step(self):
-        """One step of the scene (solver/step). Whether it has met the tolerance."""
+        """Compute one step of the scene (solver/step). Return whether it has converged."""
         return _c.call("step", self.model._model, self._data) == 0
 
     def reset(self):
-        """Back to rest, whole; tools keep their poses and hold nothing."""
+        """Return to rest and remove all cuts; tools keep their poses and grasp nothing."""
         _c.call("data_reset", self.model._model, self._data)
 
     def copy(self):
-        """Another simulation that goes on from here."""
+        """Return a second simulation with the same state."""
         data, other = ctypes.c_void_p(), Sim.__new__(Sim)
         _c.call("data_copy", self.model._model, self._data, ctypes.byref(data))
         other._own(self.model, data.value, dict(self._tools))
         return other
 
     def save(self, path=None, unit="m"):
-        """Without a path: what it is now, for restore. It goes on as one that was restored, so that the same steps give the same bits each time.
-
-        With a path, write a file by its ending. .vtu: the mesh; .vtp, .ply: the surface (include/pliant/save.h lists the arrays); .nii.gz, .nii,
-        .nrrd, .mha: the deformed volume on the scan's grid. unit: of lengths in files of meshes, m or mm."""
+        """Without a path: return the state for restore(). The simulation then continues like a restored one, so that
+        the same steps give bitwise identical results each time.
+        With a path: write a file by its extension. .vtu: the mesh; .vtp, .ply: the surface (include/pliant/save.h
+        lists the arrays); .nii.gz, .nii, .nrrd, .mha: the deformed volume on the scan's grid. unit: of lengths in
+        mesh files, m or mm."""
         if path is not None:
             return self._write(os.fsencode(path), unit)
         saved = self.copy()
@@ -368,7 +384,8 @@ class Sim:
                 _c.library.pliant_data_get_positions(self._data, None), forces.ctypes.data, 1e-3 if unit == "mm" else 1.0)
 
     def restore(self, saved):
-        """Become a copy of another simulation of the same Model, with its tools. Error: it is of another Model, even of one of the same scene."""
+        """Become a copy of another simulation of the same Model, including its tools. Raises Error for another
+        Model, even one of the same scene."""
         if not isinstance(saved, Sim):
             raise TypeError("restore: expected what save() returned, not %s" % type(saved).__name__)
         with saved._held.lock:
@@ -401,7 +418,7 @@ class Sim:
 
     @property
     def nodes(self):
-        """(nodes, 3) where the nodes of the fine mesh are [m]."""
+        """(nodes, 3) current positions of the fine mesh's nodes [m]."""
         return _c.array(_c.library.pliant_data_get_positions(self._data, None), "d", self._body()["fine.num_nodes"], 3)
 
     @nodes.setter
@@ -411,22 +428,22 @@ class Sim:
 
     @property
     def rest(self):
-        """(nodes, 3) where they were in the scan [m]."""
+        """(nodes, 3) rest positions in the scan [m]."""
         return self._of_body("fine.rest", "d", "fine.num_nodes", 3)
 
     @property
     def tets(self):
-        """(tetrahedra, 4) nodes; a cut appends some, numbers stay."""
+        """(tetrahedra, 4) node indices; a cut appends tetrahedra and keeps the existing numbers."""
         return self._of_body("fine.tets", "i", "fine.num_tets", 4)
 
     @property
     def triangles(self):
-        """(triangles, 3) surface, outwards."""
+        """(triangles, 3) node indices of the surface, oriented outwards."""
         return self._of_body("triangles", "i", "num_triangles", 3)
 
     @property
     def materials(self):
-        """(tetrahedra) the most frequent material of each, a number in Model.materials."""
+        """(tetrahedra) most frequent material of each, an index in Model.materials."""
         body = self._body()
         size = _c.library.pliant_layout_size(b"pliant_tet_material")
         offset = _c.layout["pliant_tet_material"]["material"][1]
@@ -436,7 +453,7 @@ class Sim:
 
     @property
     def fixed(self):
-        """(nodes) True where a node does not move."""
+        """(nodes) True for fixed nodes."""
         return self._of_body("fine_fixed", "B", "fine.num_nodes") != 0
 
     @property
@@ -446,23 +463,24 @@ class Sim:
 
     @property
     def revision(self):
-        """Of the topology: another number after every cut, undo and reset of one."""
+        """Number of the topology, which changes with every cut, undo and reset of a cut."""
         return self._body()["revision"]
 
     @property
     def statistics(self):
-        """Of the last step, by the names of pliant_statistics. ended is a number, and ended_text why the step ended early."""
+        """Statistics of the last step, by the names of pliant_statistics. ended is a number; ended_text is the
+        reason why the step ended early."""
         told = _c.Struct("pliant_statistics", _c.library.pliant_data_get_statistics(self._data))
         return dict({name: told[name] for name in told.fields}, ended_text=_c.library.pliant_step_end_text(told["ended"]).decode())
 
     @property
     def error(self):
-        """How far a node still is from where the step would converge to, as it estimates it [m]."""
+        """Estimated maximum distance of a node from the converged solution of the step [m]."""
         return self.statistics["error"]
 
     @property
     def inverted(self):
-        """Tetrahedra that are turned inside out."""
+        """Number of inverted tetrahedra."""
         return _c.library.pliant_data_get_inverted(self._data)
 
     @property
@@ -470,7 +488,7 @@ class Sim:
         return _c.library.pliant_data_get_backend(self._data).decode()
 
     def scalar(self, name):
-        """(nodes) "von_mises", "strain_energy", ... as output/scalar names them."""
+        """(nodes) "von_mises", "strain_energy", ...: values of output/scalar."""
         names = options()["output/scalar"]["range"].split(" | ")
         if name not in names[1:]:
             raise ValueError("scalar %r: one of %s" % (name, ", ".join(names[1:])))
@@ -479,7 +497,8 @@ class Sim:
         return out
 
     def volume(self):
-        """The deformed scan, on the scan's own grid. Nothing is drawn until it is asked for, then only what has changed."""
+        """Return the deformed scan on the scan's grid. It is computed on request, and then only where it has
+        changed."""
         body, held = _c.library.pliant_data_get_body(self._data), self._held
         if not held.warp:
             scan = _c.library.pliant_model_get_drawn(self.model._model)
@@ -503,14 +522,14 @@ class Sim:
     _senses = ("resample", "tissue")
 
     def displacement(self, sense="resample"):
-        """The displacement of every voxel, on the scan's grid, as a Displacement.
-
-        resample: ITK's sense, from a voxel of volume() to where its tissue was at rest: a transform with it resamples the scan into volume().
-        tissue: from a voxel of the scan to where its tissue is."""
+        """Return the displacement of every voxel on the scan's grid, as a Displacement.
+        resample: ITK's convention, from a voxel of volume() to the rest position of its tissue; a transform with it
+        resamples the scan into volume().
+        tissue: from a voxel of the scan to the current position of its tissue."""
         if sense not in self._senses:
             raise ValueError("sense %r: one of %s" % (sense, ", ".join(self._senses)))
         field = _c.Struct("pliant_displacement")
-        scan = _c.library.pliant_model_get_scan(self.model._model)  # begins with its geometry
+        scan = _c.library.pliant_model_get_scan(self.model._model)  # the struct begins with its geometry
         _c.call("displacement_create", self.model._model, _c.library.pliant_data_get_body(self._data),
                 _c.library.pliant_data_get_positions(self._data, None), self._senses.index(sense), scan, field.address)
         return Displacement(field)
@@ -528,11 +547,14 @@ class Sim:
         return held.view
 
     def render(self, K, T, size=(640, 480), near=0.0, far=0.0, **style):
-        """What a camera sees of the tissue as it is now.
+        """Render the current tissue.
 
-        K: (3, 3) intrinsics [pixels]; T: (4, 4) from the camera's axes (x right, y down, z forward) to LPS [m], as look_at makes it; size: width,
-        height; near, far: along z [m], tissue at near is cut there and shows the scan. style: threshold=HU, shown=[names of materials] (the
-        surface of these alone), colours=[(value, r, g, b), ...], beneath, ambient, diffuse, specular, background."""
+        K: (3, 3) intrinsics [pixels]
+        T: (4, 4) from the camera's axes (x right, y down, z forward) to LPS [m], as from look_at
+        size: width, height
+        near, far: along z [m]; tissue at `near` is cut and shows the scan
+        style: threshold=HU, shown=[names of materials] (only their surface), colours=[(value, r, g, b), ...],
+        beneath, ambient, diffuse, specular, background"""
         width, height = _whole(size)
         camera, image = _camera(K, T, (width, height), near, far), _c.Struct("pliant_image")
         picture, of = Picture(height, width), _c.Struct("pliant_style")
@@ -557,10 +579,10 @@ class Sim:
 
     def radiograph(self, isocentre, primary=0.0, secondary=0.0, size=(512, 512), pixel=0.001, source_to_isocentre=0.8, source_to_detector=1.2,
                    water=20.59):
-        """(height, width) line integrals of attenuation, as a C-arm around a point [m] projects them; exp(-these) is what its detector measures.
-
-        primary, secondary: DICOM's angles of the positioner (LAO, cranial) [rad]; pixel: edge of a detector's pixel [m]; water: attenuation of
-        water [1/m], at 60 keV unless it is given."""
+        """Return the (height, width) line integrals of attenuation that a C-arm around a point [m] projects; its
+        detector measures exp(-integral).
+        primary, secondary: DICOM's positioner angles (LAO, cranial) [rad]; pixel: edge of a detector pixel [m];
+        water: attenuation of water [1/m], by default at 60 keV."""
         width, height = _whole(size)
         arm, camera = _c.Struct("pliant_c_arm"), _c.Struct("pliant_camera")
         for name, value in (("isocentre", isocentre), ("source_to_isocentre", source_to_isocentre), ("source_to_detector", source_to_detector),
@@ -573,7 +595,7 @@ class Sim:
 
     # CUTS (scenes with cut/kind)
     def cut(self, points, depth):
-        """Cut at once along a line of points (n, 3), as deep as the vector depth goes [m], as the tissue lies now."""
+        """Cut the deformed tissue immediately along a line of points (n, 3), down to the vector depth [m]."""
         line, line_address = _c.numbers(points, len(points), 3)
         down, down_address = _c.numbers(depth, 3)
         report = _c.Struct("pliant_cut_report")
@@ -585,7 +607,7 @@ class Sim:
 
     # TOOLS
     def tool(self, name="tool"):
-        """The tool of this name, added if it is new."""
+        """Return the tool of this name, which is added if it is new."""
         if name not in self._tools:
             index = ctypes.c_int()
             _c.call("tool_add", self.model._model, self._data, name.encode(), ctypes.byref(index))
@@ -594,7 +616,7 @@ class Sim:
 
     @property
     def contacts(self):
-        """Where tissue was pressed in the last step, by tools, obstacles and tissue."""
+        """Contacts of the last step, with tools, obstacles and tissue."""
         room = _c.library.pliant_data_get_contacts(self._data, 0, None)
         told = _c.records("pliant_contact", room)
         _c.library.pliant_data_get_contacts(self._data, room, told.ctypes.data)
@@ -607,7 +629,8 @@ class Sim:
 
 @_all_while_open
 class Tool:
-    """Of a simulation: it has a pose, takes hold, pulls, and cuts where it has a blade. Error: restore() took a state that has no tool of its name."""
+    """A tool of a simulation: it has a pose, grasps, pulls, and cuts if it has a blade. Raises Error if a restored
+    state has no tool of its name."""
 
     drives = ("spring", "rigid", "force")
 
@@ -630,13 +653,13 @@ class Tool:
         return told
 
     def move(self, tip, rotation=None):
-        """Its tip [m], and its axes as a quaternion x y z w."""
+        """Set the tip position [m], and the orientation as a quaternion x y z w."""
         place, address = _c.numbers(tip, 3)
         axes, axes_address = _c.numbers((0, 0, 0, 1) if rotation is None else rotation, 4)
         _c.call("tool_set_pose", self._sim._data, self._index, address, axes_address)
 
     def grasp(self, point=None):
-        """Take hold of the tissue at the tip, or of a rest point of the scan [m], where the tip then is if it had no pose."""
+        """Grasp the tissue at the tip, or at a rest point of the scan [m]. A tool without a pose is placed there."""
         place, address = (None, None) if point is None else _c.numbers(point, 3)
         is_placed = place is not None and not self._get()["present"]
         if is_placed:
@@ -645,18 +668,19 @@ class Tool:
             _c.call("tool_grasp", self._sim.model._model, self._sim._data, self._index, address)
         except Error:
             if is_placed:
-                self.remove()  # a tool without a pose stays without one
+                self.remove()  # a tool that had no pose gets none
             raise
 
     def release(self):
         _c.library.pliant_tool_release(self._sim._data, self._index)
 
     def remove(self):
-        """It is gone: it lets go, and has no pose."""
+        """Remove the tool: it releases the tissue and has no pose."""
         _c.library.pliant_tool_lost(self._sim._data, self._index)
 
     def drive(self, kind, force=None):
-        """Of the present hold, after grasp: spring: a damped spring to the tip; rigid: held at the tip; force: this force on the tissue [N]."""
+        """Set how the present grasp is driven: spring: a damped spring to the tip; rigid: the grasped point follows
+        the tip; force: this force on the tissue [N]."""
         if kind not in self.drives:
             raise ValueError("drive %r: one of %s" % (kind, ", ".join(self.drives)))
         array, address = (None, None) if force is None else _c.numbers(force, 3)
@@ -666,19 +690,20 @@ class Tool:
         _c.call("tool_set_spring", self._sim._data, self._index, stiffness, damping)
 
     def radius(self, metres):
-        """Of the blob that the next grasp takes [m]."""
+        """Set the radius of the blob that the next grasp holds [m]."""
         _c.call("tool_set_radius", self._sim._data, self._index, metres)
 
     def blade(self, name=None, ends=None):
-        """scalpel, scissors or hook by its name, or an edge by its ends (2, 3) in the tool's frame [m]."""
+        """Set the blade: scalpel, scissors or hook, or an edge by its ends (2, 3) in the tool's frame [m]."""
         edge, address = _c.numbers(np.zeros((2, 3)) if ends is None else ends, 2, 3)
         if name is not None:
             _c.call("blade_find", name.encode(), address, address + 24)
         _c.call("tool_set_blade", self._sim._data, self._index, address, address + 24)
 
     def shape(self, name=None, offset=(0, 0, 0)):
-        """What of it touches tissue, from the next step on: an instrument by its name or code (prograsp_forceps, 400006, probe), or a YAML file of
-        parts (include/pliant/path.h); None: nothing. offset: of the shape in the tool's frame [m]."""
+        """Set the collision shape, from the next step on: an instrument by its name or code (prograsp_forceps,
+        400006, probe), or a YAML file of parts (include/pliant/path.h); None: no contact. offset: of the shape in
+        the tool's frame [m]."""
         of = _c.Struct("pliant_tool_shape")
         shift, address = _c.numbers(offset, 3)
         if name is not None:
@@ -692,22 +717,23 @@ class Tool:
             _c.library.pliant_tool_shape_free(of.address)
 
     def jaw(self, angle):
-        """Between the jaws of its shape, from the next step on [rad]; 0: closed. They hold by friction what they close on; nothing is taken hold of."""
+        """Set the angle between the jaws of the shape, from the next step on [rad]; 0: closed. The jaws hold tissue
+        by friction; there is no grasp constraint."""
         _c.call("tool_set_jaw", self._sim._data, self._index, angle)
 
     def cutting(self, on=True):
-        """Whether its blade cuts, from the next step on."""
+        """Set whether the blade cuts, from the next step on."""
         _c.call("tool_set_cutting", self._sim._data, self._index, on)
 
     @property
     def state(self):
-        """By the names of pliant_tool_state."""
+        """State of the tool, by the names of pliant_tool_state."""
         told = self._get()
         return {name: told[name] for name in told.fields}
 
     @property
     def force(self):
-        """(3) on the tissue, in the last step, by hold, blade and contact [N]."""
+        """(3) force on the tissue in the last step, by grasp, blade and contact [N]."""
         told = self._get()
         return told["force"] + told["contact_force"]
 
@@ -720,7 +746,8 @@ class Tool:
 
     @property
     def proxy(self):
-        """The simulated tool that tissue stops, after the last step, as a Proxy. A tool without a shape is its own proxy."""
+        """The simulated tool after the last step, which tissue can stop, as a Proxy. A tool without a shape is its
+        own proxy."""
         told = self._get()
         return Proxy(told["proxy_tip"], told["proxy_rotation"], told["proxy_jaw"])
 
@@ -731,12 +758,12 @@ class Tool:
 
     @property
     def saturated(self):
-        """Whether its coupling pulls with contact/max_force, or its jaws close with contact/grip_torque."""
+        """Whether the coupling force is at contact/max_force, or the jaw torque at contact/grip_torque."""
         return self._get()["saturated"]
 
     @property
     def contacts(self):
-        """Where its shape presses, as Sim.contacts."""
+        """Contacts of the shape, as Sim.contacts."""
         return self._sim.contacts.of(self._index)
 
     @property

@@ -1,4 +1,4 @@
-"""What pliant.py stands on: libpliant.so by ctypes, and its structs by the layout that it tells itself (include/pliant/layout.h)."""
+"""Access libpliant.so by ctypes, with the layout of its structs that the library reports (include/pliant/layout.h)."""
 import atexit
 import ctypes
 import logging
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Error(RuntimeError):
-    """What the library refuses; the message says what would be right. status: pliant_status, below 0."""
+    """An error of the library; the message contains the remedy. status: pliant_status, below 0."""
 
     def __init__(self, status, message):
         super().__init__(message)
@@ -55,7 +55,8 @@ def declare(result, name, *arguments):
 
 
 def call(name, *arguments):
-    """A function that returns pliant_status. Above 0: done, with a caveat."""
+    """Call a function that returns pliant_status. Return a positive status (done, with a limitation); raise Error
+    for a negative one."""
     status = getattr(library, "pliant_" + name)(*arguments)
     if status < 0:
         raise Error(status, library.pliant_last_error().decode(errors="replace"))
@@ -118,7 +119,7 @@ _dtypes = {"d": np.float64, "f": np.float32, "i": np.int32, "h": np.int16, "B": 
 
 
 class Struct:
-    """A struct of the library: room of its own, or what lies at an address for as long as that holds."""
+    """A struct of the library: allocated here, or at a given address while that is valid."""
 
     def __init__(self, of, address=None):
         self.fields, self.size = layout.get(of, {}), library.pliant_layout_size(of.encode())
@@ -141,7 +142,7 @@ class Struct:
 
 
 def array(address, kind, *shape):
-    """A copy of an array of the library."""
+    """Copy an array of the library."""
     dtype = np.dtype(_dtypes[kind])
     if not address or 0 in shape:
         return np.zeros(shape, dtype)
@@ -149,7 +150,7 @@ def array(address, kind, *shape):
 
 
 def records(of, count):
-    """Room for structs of the library, as a numpy array whose fields have their names."""
+    """Allocate structs of the library as a numpy array whose fields have their names."""
     fields = layout[of]
     kinds = {"d": "f8", "i": "i4", "?": "?"}
     return np.zeros(count, {"names": list(fields), "formats": [(kinds[kind], (n,)) if n > 1 else kinds[kind] for kind, _, n in fields.values()],
@@ -157,7 +158,7 @@ def records(of, count):
 
 
 def numbers(values, *shape):
-    """Numbers as the library takes them, and their address."""
+    """Convert numbers for the library, and return them with their address."""
     out = np.ascontiguousarray(values, np.float64)
     if out.shape != shape:
         raise ValueError("expected numbers of shape %s, not %s" % (shape, out.shape))
@@ -167,5 +168,6 @@ def numbers(values, *shape):
 _levels = (logging.DEBUG, logging.INFO, logging.WARNING, logging.ERROR)
 _log_type = ctypes.CFUNCTYPE(None, _int, _text, _pointer)
 _log = _log_type(lambda level, message, user: logging.getLogger("pliant").log(_levels[level], message.decode(errors="replace")))
-library.pliant_set_log(ctypes.cast(_log, _pointer), None)  # kept for as long as the library is
-atexit.register(library.pliant_set_log, None, None)  # nothing is logged into an interpreter that has ended
+# the library keeps this pointer, so the callback must stay alive
+library.pliant_set_log(ctypes.cast(_log, _pointer), None)
+atexit.register(library.pliant_set_log, None, None)  # no logging into an interpreter that has exited

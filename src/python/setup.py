@@ -1,9 +1,10 @@
-"""pip install src/python: build libpliant.so with cmake and put it into a package with pliant.py.
+"""pip install src/python: build libpliant.so with cmake, and install it in a package with pliant.py.
 
-The system's packages must be there: launch/install (pliant_install core) installs them. Two environment variables change the build:
+The system's packages must be installed: launch/install (pliant_install core). Two environment variables change the
+build:
 
     CMAKE_ARGS="-DPLIANT_CUDA=OFF"    options for cmake
-    PLIANT_LIBRARY=/path/libpliant.so a library that is built already; nothing is compiled
+    PLIANT_LIBRARY=/path/libpliant.so existing library; nothing is compiled
 """
 import atexit
 import os
@@ -33,14 +34,14 @@ def version():
 
 
 def temporary_folder():
-    """A folder outside the source, removed at the end."""
+    """Create a folder outside the source, which is removed at the end."""
     folder = tempfile.mkdtemp(prefix="pliant_build_")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
 def build_library(folder):
-    """Compile the library alone. Returns its path."""
+    """Compile the library alone. Return its path."""
     if not shutil.which("cmake"):
         raise SystemExit("cmake is missing; on Debian and Ubuntu: (. %s/launch/install && pliant_install core)" % SOURCE)
     options = ["-DPLIANT_ROS=OFF", "-DPLIANT_RVIZ=OFF", "-DPLIANT_TESTS=OFF", *shlex.split(os.environ.get("CMAKE_ARGS", ""))]
@@ -74,7 +75,7 @@ class Info(egg_info):
 
 
 class Wheel(bdist_wheel):
-    """Any Python 3, this platform: the library is found by ctypes."""
+    """A wheel for any Python 3 on this platform, because ctypes loads the library."""
 
     def get_tag(self):
         return "py3", "none", super().get_tag()[2]

@@ -12,7 +12,7 @@
 
 enum { MOST_ITERATIONS = 100, SETTLING_STEPS = 60, SETTLING_ITERATIONS = 20, MOST_RELAXATION = 20000 };
 static const double standard_gravity = 9.80665;
-static const double relaxation_tolerance = 1e-4; /* elements in single precision leave a third of it */
+static const double relaxation_tolerance = 1e-4; /* elements in single precision have a residual of one third of it */
 
 const char *report_case_name(report_case_kind kind)
 {
@@ -45,7 +45,7 @@ static pliant_status set_limits(pliant_data *data, report_limits limits)
 /* part: 0 at the start, 1 at the end */
 static pliant_status load_frame(const report_case *load, pliant_data *data, const double from[3], double part)
 {
-    if (load->kind == CASE_sag) return PLIANT_OK; /* the data has it from the scene */
+    if (load->kind == CASE_sag) return PLIANT_OK; /* the scene's gravity already acts */
     if (load->kind == CASE_gravity) {
         double angle = part * 3.14159265358979323846;
         double gravity[3] = {0, standard_gravity * cos(angle), standard_gravity * sin(angle)};
@@ -62,11 +62,11 @@ static pliant_status load_frame(const report_case *load, pliant_data *data, cons
     return status < 0 ? status : pliant_tool_set_pose(data, 0, tip, NULL);
 }
 
-/* Until a step ends below the tolerance, with a factor that is never older than one step: nearly Newton's method. */
+/* Step until a step ends below the tolerance, with a factor at most one step old: nearly Newton's method. */
 static pliant_status settle(const pliant_model *model, pliant_data *data, double tolerance, pliant_progress progress)
 {
     pliant_solver *solver = data->solver;
-    if (!solver) { /* tled, by dynamic relaxation */
+    if (!solver) { /* tled, with dynamic relaxation */
         pliant_status relaxed = pliant_data_set_limits(data, MOST_RELAXATION, fmax(tolerance, relaxation_tolerance));
         return relaxed < 0 ? relaxed : pliant_step(model, data);
     }
@@ -83,7 +83,7 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, double
     return status;
 }
 
-/* It is made while the tool holds still. */
+/* Wait for the patch, which is computed in the background while the tool does not move. */
 static pliant_status await_patch(const pliant_model *model, pliant_progress progress, pliant_data *data)
 {
     pliant_status status = model->fine_system ? pliant_step(model, data) : PLIANT_OK;
@@ -94,7 +94,7 @@ static pliant_status await_patch(const pliant_model *model, pliant_progress prog
     return status;
 }
 
-/* the state that the frames start from: at rest under gravity, held by a tool */
+/* Create the initial state of the frames: equilibrium under gravity, with a tool's grasp. */
 static pliant_status begin(const pliant_model *model, const report_case *load, report_limits limits, pliant_data *data, double from[3])
 {
     pliant_status status = load->kind == CASE_gravity ? load_frame(load, data, from, 0) : PLIANT_OK;
@@ -112,7 +112,7 @@ static pliant_status begin(const pliant_model *model, const report_case *load, r
     return status < 0 ? status : set_limits(data, limits);
 }
 
-/* one frame: a step, or as many as it takes */
+/* Compute one frame: one step, or as many steps as it needs to converge. */
 static pliant_status step_frame(const pliant_model *model, pliant_data *data, report_limits limits)
 {
     pliant_status status = pliant_step(model, data);
@@ -129,7 +129,7 @@ static void sleep_until(double end)
     nanosleep(&time, NULL);
 }
 
-/* that this thread has run [s] */
+/* Return the CPU time of this thread [s]. */
 static double thread_seconds(void)
 {
     struct timespec now;

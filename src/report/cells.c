@@ -17,7 +17,7 @@ char cells_separator(const char *line)
     return found;
 }
 
-/* Return where a cell ends; text in quotes is passed over. NULL: at the end of the line. */
+/* Return the end of a cell, skipping quoted text; NULL: the end of the line. */
 static char *end_of_cell(char *at, char separator)
 {
     char *quote = at + strspn(at, separator == '\t' ? " " : " \t");
@@ -29,7 +29,7 @@ static char *end_of_cell(char *at, char separator)
     return strchr(at, separator);
 }
 
-/* Turn 12,5 into 12.5. A cell with two commas, or with a point as well, is no number and stays as it is. */
+/* Convert 12,5 to 12.5. A cell with two commas, or a comma and a point, is no number and stays unchanged. */
 static void read_decimal_comma(char *cell)
 {
     static const char digits[] = "0123456789";

@@ -1,4 +1,5 @@
-/* The settings of a scene by measurement: what is tried on a pull, and which of it is the most accurate within the budget. */
+/* Choose the settings of a scene by measurement: try candidates on a probe load, and take the most accurate one within
+ * the time budget. */
 #include "report/choice.h"
 
 #include "base/fail.h"
@@ -11,17 +12,17 @@
 
 /* the probe load */
 enum { FRAMES = 10, CASES = 1 << CASE_displacement | 1 << CASE_force | 1 << CASE_sag };
-enum { REPEATS = 3 }; /* on a machine that does other work meanwhile */
+enum { REPEATS = 3 }; /* repetitions, because other programs may disturb the measurement */
 static const double reference_tolerance = 1e-4;
-static const double reference_part = 0.5; /* of the time, for a reference of twice the resolution */
+static const double reference_part = 0.5; /* fraction of the time limit for a reference with twice the resolution */
 
 typedef struct choice_state {
     sweep_state sweep;
     pliant_sweep settings;
-    pliant_progress progress; /* the caller's */
+    pliant_progress progress; /* the caller's callback */
     double start, end;        /* [s] */
     bool cancelled, late;
-    int index, count; /* of candidates */
+    int index, count; /* index and number of the current candidate */
     choice_candidate candidates[CHOICE_CANDIDATES];
     choice_point points[CHOICE_CANDIDATES * CHOICE_BUDGETS];
     int num_points, dropped;
@@ -31,7 +32,7 @@ typedef struct choice_state {
 static const char *const measure_names[NUM_MEASURES] = {PLIANT_MEASURE_LIST(NAME)};
 #undef NAME
 
-/* ---- trying it */
+/* ---- trying candidates */
 
 static bool pass_progress(double fraction, const char *stage, void *user)
 {
@@ -40,7 +41,7 @@ static bool pass_progress(double fraction, const char *stage, void *user)
     (void)fraction;
     state->late = state->late || pliant_seconds() > state->end;
     snprintf(text, sizeof text, "choosing settings, %s", stage);
-    /* several threads may ask, and the caller may say it once */
+    /* several threads may call this, and the caller's request is passed on only once */
     state->cancelled = state->cancelled || !pliant_report_progress(state->progress, (double)state->index / (state->count + 1), text);
     return !state->cancelled && !state->late;
 }
@@ -75,10 +76,10 @@ static pliant_status try_candidate(choice_state *state)
     state->num_points += choice_gather(ground, candidate, first, state->points + from);
     state->dropped += from == state->num_points && !state->late;
     log_points(state, from);
-    return PLIANT_OK; /* what cannot be had is dropped, and what came too late */
+    return PLIANT_OK; /* unavailable candidates, and candidates after the time limit, are dropped */
 }
 
-/* Whether a simulation of the reference's model runs on the CPU: asked once, so that the log tells it once. */
+/* Determine the backend of a simulation of the reference's model, once, so that it is logged once. */
 static pliant_status find_backend(const pliant_model *model, pliant_backend_choice *out)
 {
     pliant_data *data = NULL;
@@ -88,7 +89,7 @@ static pliant_status find_backend(const pliant_model *model, pliant_backend_choi
     return status;
 }
 
-/* The reference, or one of the scene's own resolution where the finer one cannot be had. */
+/* Compute the reference, or one with the scene's own resolution if the finer one is not available. */
 static pliant_status make_reference(choice_state *state)
 {
     sweep_ground *ground = &state->sweep.ground;
@@ -97,7 +98,7 @@ static pliant_status make_reference(choice_state *state)
     ground->scene.element.kind = pliant_scene_element_kind(&ground->scene, NULL);
     ground->reference = ground->scene;
     ground->reference.mesh.ratio = choice_reference_ratio(ground->input->scene, state->settings.twice_limit);
-    state->settings.twice_limit = 0; /* it is the only one */
+    state->settings.twice_limit = 0; /* it is the only model */
     sweep_list_cases(ground);
     bool twice = ground->reference.mesh.ratio > ground->input->scene->mesh.ratio;
     if (twice) state->end = state->start + reference_part * ground->input->scene->choose.seconds;
@@ -126,7 +127,7 @@ static pliant_status try_all(choice_state *state)
         const int known = state->num_points;
         status = try_candidate(state);
         if (!state->late) continue;
-        state->index += state->num_points > known; /* a part of it was */
+        state->index += state->num_points > known; /* the candidate was measured partially */
         break;
     }
     if (status >= 0 && state->late)
@@ -135,7 +136,7 @@ static pliant_status try_all(choice_state *state)
     return status;
 }
 
-/* ---- taking one */
+/* ---- choosing a candidate */
 
 static bool mesh_is_larger(const pliant_choice *choice) { return choice->mesh > choice->error + choice->left_out - choice->mesh; }
 
@@ -257,7 +258,8 @@ static void prepare(const pliant_report_input *input, pliant_report_tables *tabl
     settings->cases = CASES;
     settings->frames = FRAMES;
     double scale = 1;
-    (void)pliant_length_scale(input->scan, input->labels, input->materials, &scale); /* an error is found again as the model is built */
+    /* an error appears again when the model is built */
+    (void)pliant_length_scale(input->scan, input->labels, input->materials, &scale);
     for (int d = 0; d < 3; d++) settings->pull[d] *= scale * (double)FRAMES / 30; /* at the same speed */
     settings->reference_tolerance = fmin(reference_tolerance, 0.1 * scene->solver.tolerance);
     settings->most_ms = scene->choose.budget_ms;

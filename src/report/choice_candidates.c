@@ -1,11 +1,11 @@
-/* What a choice of settings tries: methods on meshes. */
+/* List the candidates of a choice of settings: methods on meshes. */
 #include "state/data.h"
 #include "report/choice.h"
 
 #include <stdio.h>
 #include <string.h>
 
-/* What may stand for the scene's method, most accurate first. */
+/* Alternatives to the scene's method, most accurate first. */
 static const choice_method methods[CHOICE_METHODS] = {
     {PLIANT_FINE, PLIANT_TOUCH_OVERLAP, 0},
     {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05},
@@ -44,7 +44,7 @@ int32_t choice_reference_ratio(const pliant_scene *scene, double limit)
     return varies && twice <= 8 && lattice_tetrahedra(scene, twice) <= limit ? twice : scene->mesh.ratio;
 }
 
-/* Cells and ratios that make no finer mesh than the reference's, coarse ones first. */
+/* List cells and ratios whose mesh is not finer than the reference's, coarse ones first. */
 static int list_meshes(const pliant_scene *scene, int32_t finest, choice_mesh out[CHOICE_MESHES])
 {
     int count = 0;
@@ -69,11 +69,11 @@ static bool is_listed(const choice_mesh *meshes, int count, int32_t factor, int3
 
 static bool same_method(const choice_method *a, const choice_method *b)
 {
-    bool patched = a->method != PLIANT_FINE; /* to which a patch means nothing */
+    bool patched = a->method != PLIANT_FINE; /* the fine method has no patches */
     return a->method == b->method && a->touch == b->touch && (!patched || a->patch == b->patch);
 }
 
-/* whether a method has the scene's elements */
+/* Return whether a method supports the scene's elements. */
 static bool has_elements(const pliant_scene *scene, const choice_method *by)
 {
     pliant_scene other = *scene;
@@ -98,7 +98,7 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
             bool fine = by->method == PLIANT_FINE;
             choice_mesh mesh = meshes[m];
             if (n < 0 && mesh.cells_factor == 1 && mesh.ratio == scene->mesh.ratio) continue;
-            /* cells mean nothing to the fine method, and a coarse mesh as fine as the fine one means nothing to the others */
+            /* coarse cells do not affect the fine method; other methods need a coarser mesh */
             if (fine && mesh.cells_factor > 1 && is_listed(meshes, num_meshes, 1, mesh.cells_factor * mesh.ratio)) continue;
             if (!fine && mesh.ratio == 1 && scene->choose.ratio) continue;
             out[count++] = (choice_candidate){*by, mesh};
@@ -110,7 +110,7 @@ int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_can
 pliant_status choice_scene(const pliant_scene *scene, const choice_candidate *candidate, pliant_scene *out)
 {
     *out = *scene;
-    out->element.kind = pliant_scene_element_kind(scene, NULL); /* a candidate has the scene's own elements */
+    out->element.kind = pliant_scene_element_kind(scene, NULL); /* a candidate uses the scene's elements */
     out->model.method = candidate->by.method;
     out->model.touch = candidate->by.touch;
     out->model.patch = candidate->by.patch;

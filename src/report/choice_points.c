@@ -1,15 +1,15 @@
-/* What became known of the settings that were tried, and which of them is taken. */
+/* Evaluate the measured candidates, and choose one. */
 #include "report/choice.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-static const double alike_at_worst = 2; /* worst frames within this factor count as equal */
-static const double alike = 1.05;       /* and so do errors later on within this one */
+static const double alike_at_worst = 2; /* factor within which maximum errors count as equal */
+static const double alike = 1.05;       /* factor within which later errors count as equal */
 
 #define COLUMN(name, yaml) #yaml "_percent",
-static const char *const error_columns[NUM_MEASURES] = {PLIANT_MEASURE_LIST(COLUMN)}; /* of a sweep */
+static const char *const error_columns[NUM_MEASURES] = {PLIANT_MEASURE_LIST(COLUMN)}; /* columns of a sweep */
 #undef COLUMN
 #define COLUMN(name, yaml) "final_" #yaml "_mm",
 static const char *const final_columns[NUM_MEASURES] = {PLIANT_MEASURE_LIST(COLUMN)};
@@ -25,7 +25,7 @@ const char *choice_phase_text(choice_phase phase)
     return texts[phase];
 }
 
-/* ---- from rows */
+/* ---- reading rows */
 
 static const char *cell(const pliant_results *table, size_t row, const char *column)
 {
@@ -39,7 +39,7 @@ static bool is_before_patch(const pliant_results *table, size_t row)
     return strstr(cell(table, row, "variant"), SWEEP_BEFORE_PATCH) != NULL;
 }
 
-/* The last row of a case whose budget is this one, or a smaller one that it converged with; SIZE_MAX: there is none. */
+/* Find the last row of a case with this budget, or with a smaller one that converged; SIZE_MAX: none. */
 static size_t find_row(const pliant_results *table, size_t first, const char *name, bool before_patch, int32_t iterations)
 {
     size_t found = SIZE_MAX;
@@ -62,7 +62,7 @@ static void add_row(const pliant_results *table, size_t row, choice_phase phase,
         if (worst > point->error[m]) point->worst[m] = phase;
         point->error[m] = fmax(point->error[m], worst);
     }
-    if (phase == CHOICE_PHASE_hold) return; /* a step is to be quick enough with its patch */
+    if (phase == CHOICE_PHASE_hold) return; /* the time limit applies to steps with a patch */
     point->seconds = fmax(point->seconds, 1e-3 * number(table, row, "solver_median_ms"));
     point->evaluations = fmax(point->evaluations, number(table, row, "iterations_mean"));
     point->solved_tetrahedra = (int32_t)number(table, row, "solved_tetrahedra");
@@ -70,7 +70,7 @@ static void add_row(const pliant_results *table, size_t row, choice_phase phase,
     point->on_host = strcmp(cell(table, row, "backend"), "cpu") == 0;
 }
 
-/* false: a case is missing */
+/* Return false if a case is missing. */
 static bool gather_point(const sweep_ground *ground, size_t first, choice_point *point)
 {
     const pliant_results *table = ground->tables->sweep;
@@ -92,7 +92,7 @@ int choice_gather(const sweep_ground *ground, const choice_candidate *candidate,
     for (int b = 0; b < ground->sweep->num_iterations; b++) {
         choice_point point = {.candidate = *candidate, .iterations = ground->sweep->iterations[b]};
         if (!gather_point(ground, first, &point)) continue;
-        /* one more iteration that was not needed is no point of its own */
+        /* an additional iteration that changed nothing gives no separate point */
         const choice_point *last = count > 0 ? out + count - 1 : NULL;
         if (last && memcmp(last->error, point.error, sizeof point.error) == 0 && last->seconds == point.seconds) continue;
         out[count++] = point;
@@ -100,11 +100,12 @@ int choice_gather(const sweep_ground *ground, const choice_candidate *candidate,
     return count;
 }
 
-/* ---- taking one */
+/* ---- choosing a point */
 
 static bool is_patched(const choice_point *point) { return point->candidate.by.patch > 0 && point->candidate.by.method != PLIANT_FINE; }
 
-/* a does at least the work of b in a step: as many evaluations, as large meshes, and no patch or elements of lod that b has alone */
+/* Return whether a does at least the work of b per step: as many evaluations, meshes at least as large, and no patch or
+ * lod elements that only b has. */
 static bool does_as_much(const choice_point *a, const choice_point *b)
 {
     bool lod = b->candidate.by.method == PLIANT_LOD && a->candidate.by.method != PLIANT_LOD;
@@ -134,7 +135,7 @@ double choice_mesh_error(const choice_point *points, int count, int32_t resoluti
 double choice_reference_error(const choice_point *points, int count, int32_t resolution, pliant_measure measure)
 {
     const double half = choice_mesh_error(points, count, resolution / 2, measure), quarter = choice_mesh_error(points, count, resolution / 4, measure);
-    const double theory = 2, least = 0.2; /* orders */
+    const double theory = 2, least = 0.2; /* orders of convergence */
     if (resolution % 4 != 0 || !(half > 0) || !(quarter > 0)) return 0;
     const double seen = quarter > half ? log2(quarter / half - 1) : least;
     return half / (exp2(0.5 * (fmin(fmax(seen, least), theory) + theory)) - 1);

@@ -1,4 +1,4 @@
-/* What explicit dynamics costs on a scene, and how well it keeps energy. */
+/* Measure the cost of explicit dynamics on a scene, and its energy conservation. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "state/data.h"
@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* One simulation that is pulled in the first half of its frames, then let go. */
+/* A simulation that is pulled in the first half of its frames, then released. */
 typedef struct pulled_run {
     pliant_model *model;
     pliant_data *data;
@@ -23,7 +23,7 @@ static void pulled_free(pulled_run *run)
     *run = (pulled_run){0};
 }
 
-/* Free it also after a failure. */
+/* Must also be freed after a failure. */
 static pliant_status pulled_create(const pliant_report_input *input, const pliant_scene *scene, const pliant_sweep *sweep,
                                    pliant_progress progress, pulled_run *run)
 {
@@ -41,7 +41,7 @@ static pliant_status pulled_create(const pliant_report_input *input, const plian
 
 static int32_t frames_of(const pliant_sweep *sweep) { return 2 * sweep->frames; }
 
-/* @param seconds Nullable: that the step took */
+/* @param seconds Nullable: output; time of the step */
 static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, int32_t frame, double *seconds, pliant_progress progress)
 {
     double tip[3];
@@ -57,7 +57,8 @@ static pliant_status pulled_frame(pulled_run *run, const pliant_sweep *sweep, in
     return status;
 }
 
-/* Of frames of a scene that neither takes nor gives energy after letting go. @param drift out: the largest change over the energy [-] */
+/* Measure the energy drift after the release, in a scene without dissipation and external forces.
+ * @param drift output; maximum relative change of the energy [-] */
 static pliant_status run_drift(pulled_run *run, const pliant_sweep *sweep, double *drift, pliant_progress progress)
 {
     pliant_status status = PLIANT_OK;
@@ -76,7 +77,7 @@ static pliant_status run_drift(pulled_run *run, const pliant_sweep *sweep, doubl
     return status;
 }
 
-/* The scene without whatever takes or gives energy. */
+/* Measure the drift of the scene without damping, viscosity and gravity. */
 static pliant_status measure_drift(const pliant_report_input *input, const pliant_sweep *sweep, double *drift, pliant_progress progress)
 {
     pliant_scene scene = *input->scene;
@@ -91,12 +92,12 @@ static pliant_status measure_drift(const pliant_report_input *input, const plian
     return status;
 }
 
-/* What central differences are off by, from two runs side by side, the second with half the sub-step: they are of second order, so that
- * the first one's error is 4/3 of how far they are apart (Richardson; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
- * II.4). */
+/* Time discretization error of central differences, from two simultaneous runs, the second one with half the sub-step.
+ * The scheme has second order, so the error of the first run is 4/3 of the difference (Richardson; Hairer, Norsett,
+ * Wanner, Solving Ordinary Differential Equations I, II.4). */
 typedef struct time_error {
     double error, largest;
-} time_error; /* worst frame and node, largest displacement [m] */
+} time_error; /* maximum over frames and nodes; maximum displacement [m] */
 
 static void compare(const pulled_run *whole, const pulled_run *half, time_error *out)
 {
@@ -121,7 +122,7 @@ static pliant_status measure_time_error(const pliant_report_input *input, const 
     *out = (time_error){0};
     pliant_status status = pulled_create(input, asked, sweep, progress, &whole);
     if (status >= 0) status = pliant_data_get_dynamics(whole.model, whole.data, &dynamics);
-    if (status >= 0) { /* exactly twice as many */
+    if (status >= 0) { /* exactly twice the number of sub-steps */
         scene.tled.safety = 0.5 * dynamics.time_step / fmin(dynamics.edge_bound, dynamics.eigenvalue_bound);
         status = pulled_create(input, &scene, sweep, progress, &half);
     }
@@ -197,7 +198,8 @@ pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant
     if (status >= 0) status = measure_drift(input, sweep, &drift, progress);
     if (status >= 0) status = measure_time_error(input, &scene, sweep, &time, progress);
     if (status >= 0) status = tell(&run, sweep, seconds, drift, time, &row);
-    if (status < 0 && status != PLIANT_ERROR_CANCELLED && status != PLIANT_ERROR_MEMORY) { /* a figure too: it cannot be had */
+    /* the failure is a result, too */
+    if (status < 0 && status != PLIANT_ERROR_CANCELLED && status != PLIANT_ERROR_MEMORY) {
         row_text(&row, pliant_status_text(status));
         row_text(&row, pliant_last_error());
         status = PLIANT_OK;

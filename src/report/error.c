@@ -1,4 +1,4 @@
-/* Distances between two solutions, and what they amount to. */
+/* Distances between two solutions, and their statistics. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
@@ -12,7 +12,7 @@ static int compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* max, rms and 95th percentile of values, which are sorted */
+/* Compute the maximum, root mean square and 95th percentile of values, which are sorted. */
 static void summarize(int32_t count, double *values, pliant_error *out)
 {
     double squares = 0;

@@ -1,4 +1,4 @@
-/* Where a scan is pulled at when nobody says: fronts of organs, or of the body. Front is anterior (-y in LPS). */
+/* Choose points to pull at: fronts of organs, or of the body. The front is anterior (-y in LPS). */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "pliant/memory.h"
@@ -9,17 +9,18 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Lengths of a patient; those of other bodies are in proportion (pliant_length_scale) [m] */
-static const double inside = 0.006; /* a pulled point lies this far behind the front */
-static const double near = 0.01;    /* it is found this near to the middle of an organ; fronts of a body are this far apart at least */
+/* Lengths for a patient [m]; for other bodies they are scaled (pliant_length_scale). */
+static const double inside = 0.006; /* depth of a pulled point behind the front */
+/* maximum distance from the line through an organ's centre; minimum distance between fronts of a body */
+static const double near = 0.01;
 
-/* the voxels of one kind: of a label, or of a material */
+/* voxels of one label or material */
 typedef struct front_voxels {
     const pliant_geometry *geometry;
     const uint16_t *labels; /* Nullable */
     const uint8_t *materials;
     int32_t wanted;
-    double scale; /* of lengths */
+    double scale; /* scale of lengths */
 } front_voxels;
 
 static bool is_wanted(const front_voxels *voxels, size_t v)
@@ -34,7 +35,7 @@ static void world_of(const pliant_geometry *geometry, size_t v, double world[3])
     pliant_geometry_to_world(geometry, index, world);
 }
 
-/* most anterior voxel near the line through the centroid; false: there are none */
+/* Find the most anterior voxel near the line through the centroid; false: none. */
 static bool find_front(const front_voxels *voxels, double out[3])
 {
     size_t size = pliant_geometry_voxels(voxels->geometry), count = 0;
@@ -84,11 +85,11 @@ static int organ_fronts(const pliant_report_input *input, front_voxels *voxels, 
     return found;
 }
 
-/* ---- the front of the body */
+/* ---- front of the body */
 
 typedef struct front_column { double world[3]; } front_column;
 
-/* For every line of voxels from anterior to posterior: the first soft voxel that lies behind at least `inside` of tissue. */
+/* For every line of voxels from anterior to posterior, find the first soft voxel behind at least `inside` of tissue. */
 static size_t body_columns(const pliant_report_input *input, const uint8_t *materials, double scale, front_column *out)
 {
     const pliant_geometry *g = &input->scan->geometry;
@@ -105,7 +106,7 @@ static size_t body_columns(const pliant_report_input *input, const uint8_t *mate
                 size_t voxel = (size_t)at * stride[along] + (size_t)p * stride[a] + (size_t)q * stride[b];
                 const pliant_material *material = input->materials->materials + materials[voxel];
                 tissue = material->empty ? 0 : tissue + 1;
-                if (material->fixed) break; /* bone behind thin skin: nothing soft to pull at */
+                if (material->fixed) break; /* bone behind thin skin: no soft tissue to pull at */
                 if (tissue <= deep) continue;
                 world_of(g, voxel, out[count++].world);
                 break;
@@ -113,7 +114,8 @@ static size_t body_columns(const pliant_report_input *input, const uint8_t *mate
     return count;
 }
 
-/* The column nearest to the middle, then always the one farthest from those taken, within the middle two thirds of the body. */
+/* Choose the column nearest to the centre, then repeatedly the column farthest from the chosen ones, within the central
+ * two thirds of the body. */
 static int body_fronts(const pliant_report_input *input, const uint8_t *materials, double scale, int most, pliant_pull_point *out)
 {
     const pliant_geometry *g = &input->scan->geometry;

@@ -1,4 +1,4 @@
-/* What a scene does not name costs nothing: time and memory with everything, without each part, without all. */
+/* Measure that unused features cost nothing: time and memory with all features, without each one, and without all. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "state/data.h"
@@ -20,8 +20,8 @@ static const char *const part_names[] = {
     PARTS(PART_NAME)
 #undef PART_NAME
 };
-/* Rounds through all configurations. A step does the same work in every round: its quickest one is told, so that what else the
- * machine does counts little. */
+/* Repetitions over all configurations. Every repetition of a step does the same work, so the minimum time is reported,
+ * which excludes most disturbances. */
 enum { STEPS = 30, ROUNDS = 3, EVERYTHING = (1 << NUM_PARTS) - 1 };
 
 typedef struct stage_times {
@@ -51,7 +51,7 @@ static pliant_status take_slices(const pliant_volume *volume, const double at[3]
     return PLIANT_OK;
 }
 
-/* forward and back, so that there is always something to solve */
+/* Pull forward and back, so that every step has something to solve. */
 static pliant_status pull(pliant_data *data, const pliant_sweep *sweep, const double from[3], int step)
 {
     double part = step < STEPS / 2 ? 2.0 * (step + 1) / STEPS : 2.0 - 2.0 * (step + 1) / STEPS, tip[3];
@@ -78,7 +78,7 @@ static pliant_status one_step(const pliant_model *model, pliant_data *data, int 
 
 static pliant_status run_parts(pliant_model *model, const pliant_sweep *sweep, const pliant_geometry *target, int parts, stage_times *times)
 {
-    static const double down[3] = {0, 9.80665, 0}; /* supine */
+    static const double down[3] = {0, 9.80665, 0}; /* patient lying on the back */
     double from[3], at[3];
     int tool, interval = model->scene.solver.refresh_interval;
     float *scalar = NULL;
@@ -117,7 +117,7 @@ static double median(double values[STEPS])
     return 1e3 * report_quantile(values, STEPS, 0.5);
 }
 
-/* @param whole Nullable: median frame [ms] and bytes [MB] with everything */
+/* @param whole Nullable: median frame time [ms] and memory [MB] with all features */
 static void tell(stage_times *times, const pliant_scene *scene, const double whole[2], double own[2], report_row *row)
 {
     row_text(row, "ok");
@@ -140,7 +140,7 @@ static void tell(stage_times *times, const pliant_scene *scene, const double who
     }
 }
 
-/* configuration n: nothing left out, one part, all of them */
+/* all features; without each one; without all */
 enum { NUM_CONFIGURATIONS = NUM_PARTS + 2 };
 
 static const char *configuration_name(int n) { return n == 0 ? "nothing" : n > NUM_PARTS ? "everything" : part_names[n - 1]; }

@@ -1,4 +1,4 @@
-/* Measured displacements of markers, from a table. */
+/* Read measured displacements of markers from a table. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
@@ -13,9 +13,10 @@
 
 enum { LINE = 4096, MOST_CELLS = 8, FEWEST_CELLS = 7 };
 static const char *const columns[MOST_CELLS] = {"load", "x", "y", "z", "moved_x", "moved_y", "moved_z", "deviation"};
-static const double longest = 10; /* of a position, a displacement or a deviation: beyond it, millimetres were meant [m] */
+/* maximum of a position, displacement or deviation; a larger value is probably in millimetres [m] */
+static const double longest = 10;
 
-/* Read one marker from the cells of a line. Return NULL, or the reason why it cannot be read. */
+/* Read one marker from the cells of a line. Return NULL, or the error. */
 static const char *read_marker(int count, char *const *cells, double deviation, pliant_marker *out, char *reason, size_t size)
 {
     double value[MOST_CELLS] = {[MOST_CELLS - 1] = deviation};
@@ -105,9 +106,9 @@ pliant_status pliant_markers_read(const char *path, double deviation, int32_t *c
     return PLIANT_OK;
 }
 
-/* ---- against the tissue */
+/* ---- comparison with the tissue */
 
-/* "marker 3 (line 4)" */
+/* Write "marker 3 (line 4)" to out. */
 static const char *name_of(const pliant_marker *marker, int32_t index, char *out, size_t size)
 {
     char line[32] = "";
@@ -151,7 +152,7 @@ pliant_status report_markers_check(const pliant_mesh *mesh, int32_t num_markers,
     return PLIANT_OK;
 }
 
-/* Whether displacements look like positions: as such they are much shorter. */
+/* Return whether displacements are probably positions, because displacements are much shorter. */
 static bool look_like_positions(int32_t num_markers, const pliant_marker *markers)
 {
     double as_displacements = 0, as_positions = 0;

@@ -1,4 +1,5 @@
-/* Moduli of materials from measured displacements: Gauss-Newton on their logarithms, damped as Levenberg and Marquardt do. */
+/* Fit moduli of materials to measured displacements: Gauss-Newton on their logarithms, with Levenberg-Marquardt
+ * damping. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/report.h"
@@ -13,14 +14,14 @@ enum { MOST_PASSES = 30, MOST_TRIES = 8, RAMP = 10 /* steps in which tools reach
 typedef struct fitting {
     const pliant_report_input *input;
     const pliant_moduli_data *data;
-    pliant_material_table table;          /* a copy that is changed */
-    int32_t material[PLIANT_MAX_MODULI];  /* which are fitted */
+    pliant_material_table table;          /* a modified copy */
+    int32_t material[PLIANT_MAX_MODULI];  /* indices of the fitted materials */
     int32_t count;
     pliant_progress progress;
     int32_t solves;
 } fitting;
 
-/* ---- displacements of the markers for given moduli */
+/* ---- marker displacements for given moduli */
 
 static pliant_status hold(const pliant_model *model, pliant_data *data, const pliant_path *path)
 {
@@ -52,10 +53,10 @@ static pliant_status drive(pliant_data *data, const pliant_path *path, double ti
     return status;
 }
 
-/* From rest to where a load ends, and to rest there. */
+/* Apply a load from rest, and iterate to equilibrium. */
 static pliant_status settle(const pliant_model *model, pliant_data *data, const pliant_path *path)
 {
-    const double tolerance = data->solver ? 1e-7 : 1e-4; /* explicit dynamics is in single precision */
+    const double tolerance = data->solver ? 1e-7 : 1e-4; /* explicit dynamics has single precision */
     const int iterations = data->solver ? SETTLING_ITERATIONS : model->scene.tled.relaxation_steps;
     pliant_status status = pliant_data_set_limits(data, iterations, tolerance);
     if (status >= 0 && path) status = hold(model, data, path);
@@ -68,10 +69,12 @@ static pliant_status settle(const pliant_model *model, pliant_data *data, const 
     return status;
 }
 
-/* Points that are followed for a marker: its point of the tissue, and for one that stands off from it three more, which tell how the tissue there turns. */
+/* Points followed for a marker: its tissue point; at a distance from the tissue, two more, which give the local
+ * rotation. */
 enum { FOLLOWED = 3 };
 
-/* Inwards from the marker, and to a side. */
+/* Compute the followed points: the tissue point, a point inwards by the length of the offset, and a third one to a
+ * side. */
 static void beside(const pliant_marker *marker, double sign, int axis, double out[3 * FOLLOWED])
 {
     const double far = sqrt(marker->offset[0] * marker->offset[0] + marker->offset[1] * marker->offset[1] + marker->offset[2] * marker->offset[2]);
@@ -82,7 +85,7 @@ static void beside(const pliant_marker *marker, double sign, int axis, double ou
     }
 }
 
-/* The axis that is most across the offset, on the side where there is tissue. */
+/* Choose the followed points. The side is along the axis most perpendicular to the offset, where there is tissue. */
 static pliant_status place(const pliant_mesh *mesh, const pliant_marker *marker, double out[3 * FOLLOWED])
 {
     int axis = 0;
@@ -100,7 +103,7 @@ static pliant_status place(const pliant_mesh *mesh, const pliant_marker *marker,
     return PLIANT_OK;
 }
 
-/* A right-handed frame whose first direction is b - a and whose second lies in the plane of c. */
+/* Build a right-handed frame whose first axis is b - a and whose second axis lies in the plane of c. */
 static void frame(const double *a, double out[9])
 {
     double x[3], y[3], length = 0, along = 0;
@@ -115,7 +118,8 @@ static void frame(const double *a, double out[9])
     for (int d = 0; d < 3; d++) out[6 + d] = out[(d + 1) % 3] * out[3 + (d + 2) % 3] - out[(d + 2) % 3] * out[3 + (d + 1) % 3];
 }
 
-/* Of a marker's centre: its point of the tissue, and its offset turned as the tissue there has turned. */
+/* Compute the displacement of a marker's centre: the displacement of its tissue point, with the offset rotated like the
+ * tissue. */
 static void displacement(const pliant_marker *marker, const double rest[3 * FOLLOWED], const double now[3 * FOLLOWED], double out[3])
 {
     double before[9], after[9];
@@ -158,7 +162,8 @@ pliant_status report_markers_move(const pliant_model *model, const pliant_path *
     return status;
 }
 
-/* @param logs (count) of Young's moduli; @param out (3 num_markers) residuals over their deviations */
+/* @param logs (count) logarithms of Young's moduli
+ * @param out (3 num_markers) residuals divided by their deviations */
 static pliant_status residuals(fitting *fit, const double *logs, double *out)
 {
     pliant_model *model = NULL;
@@ -184,7 +189,7 @@ static double square(int32_t count, const double *r)
     return sum;
 }
 
-/* In place, by Gauss and Jordan; false: singular. */
+/* Invert in place by Gauss-Jordan elimination; false: singular. */
 static bool invert(int n, double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI])
 {
     double inverse[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI] = {{0}}, scale[PLIANT_MAX_MODULI];
@@ -207,7 +212,7 @@ static bool invert(int n, double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI])
 
 static pliant_status jacobian(fitting *fit, const double *logs, const double *r, double *other, double *columns)
 {
-    const double step = 0.02; /* of a logarithm */
+    const double step = 0.02; /* step of a logarithm for finite differences */
     const int32_t rows = 3 * fit->data->num_markers;
     for (int32_t p = 0; p < fit->count; p++) {
         double changed[PLIANT_MAX_MODULI];
@@ -222,7 +227,7 @@ static pliant_status jacobian(fitting *fit, const double *logs, const double *r,
     return PLIANT_OK;
 }
 
-/* J'J with its diagonal raised, and J'r */
+/* Compute J'J with damping on its diagonal, and J'r. */
 static void normal_equations(const fitting *fit, const double *columns, const double *r, double damping, double a[PLIANT_MAX_MODULI][PLIANT_MAX_MODULI], double *g)
 {
     const size_t rows = 3 * (size_t)fit->data->num_markers;
@@ -237,7 +242,7 @@ static void normal_equations(const fitting *fit, const double *columns, const do
     for (int i = 0; i < fit->count; i++) a[i][i] *= 1 + damping;
 }
 
-/* Whether a material table accepts moduli of these logarithms, with a margin for differences. */
+/* Return whether these moduli are in the range of a material table, with a margin for finite differences. */
 static bool are_moduli(int count, const double *logs)
 {
     const double least = 1e-3, most = 9e11; /* [Pa] */
@@ -246,10 +251,10 @@ static bool are_moduli(int count, const double *logs)
     return good;
 }
 
-/* One step that lowers the sum of squares; *done: none is worth it. */
+/* Take one step that lowers the sum of squares. *done: no further improvement. */
 static pliant_status pass(fitting *fit, double *logs, double *r, double *other, double *columns, double *damping, bool *done)
 {
-    const double longest = 1, enough = 1e-4; /* of a logarithm */
+    const double longest = 1, enough = 1e-4; /* maximum and minimum change of a logarithm */
     const int32_t rows = 3 * fit->data->num_markers;
     const double before = square(rows, r);
     pliant_status status = jacobian(fit, logs, r, other, columns);
@@ -276,7 +281,8 @@ static pliant_status pass(fitting *fit, double *logs, double *r, double *other, 
     return status;
 }
 
-/* What 95 % of Student's distribution do not exceed: from its expansion in 1 / freedom (Abramowitz and Stegun 26.7.5). */
+/* Return the two-sided 95 % quantile of Student's distribution by its expansion in 1 / freedom (Abramowitz and Stegun
+ * 26.7.5). */
 static double student(double freedom)
 {
     const double x = 1.959964, x3 = x * x * x, x5 = x3 * x * x;

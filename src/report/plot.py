@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Pictures of a report made by pliant_report: python3 plot.py FOLDER [SETUP]
+"""Draw the pictures of a report by pliant_report: python3 plot.py FOLDER [SETUP]
 
-Reads the tables in FOLDER (of the newest setup unless one is named) and writes
-  tradeoff.png, tradeoff_twice.png   error against time per frame, with the Pareto front
-  histogram.png                      per-voxel error in the warped image
-  error_CASE_POINT_RATIO.png         slices of the same
-  stages.png                         what was left out
-  validation.png                     measured bodies: how far markers are from where they were measured
-  stability.png                      verdicts
+Reads the tables in FOLDER (of the last setup unless one is named) and writes
+
+    tradeoff.png, tradeoff_twice.png   error against time per frame, with the Pareto front
+    histogram.png                      per-voxel error in the warped image
+    error_CASE_POINT_RATIO.png         slices of the per-voxel error
+    stages.png                         cost of unused features
+    validation.png                     measured bodies: distances of markers from their measured positions
+    stability.png                      verdicts
 """
 import csv
 import math
@@ -22,7 +23,7 @@ import matplotlib.ticker
 import numpy as np
 
 CASES = ["displacement", "force", "grasp", "gravity", "sag"]
-HIGHEST = 1000  # percent that are still drawn
+HIGHEST = 1000  # maximum of the axis in percent
 VERDICTS = {"converged": "#8fc98f", "refused": "#9db8dd", "degraded": "#f0cf7a", "broken": "#e07a7a"}
 
 
@@ -55,7 +56,7 @@ def in_order(values):
 
 
 def pareto(points):
-    """Of (time, error) those that no other is better than in both, by time."""
+    """Return the points (time, error) on the Pareto front, ordered by time."""
     front = []
     for time, error in sorted(points):
         if not front or error < front[-1][1]:
@@ -64,7 +65,7 @@ def pareto(points):
 
 
 def label_log(axis, name, limits):
-    """Plain numbers on a logarithmic axis, also where it spans less than a decade."""
+    """Use plain numbers on a logarithmic axis, also where it spans less than a decade."""
     axis.set_major_formatter(matplotlib.ticker.FuncFormatter(lambda v, _: "%g" % v))
     few = limits[1] < 10 * limits[0]
     axis.set_minor_formatter(matplotlib.ticker.FuncFormatter(lambda v, _: "%g" % v) if few else matplotlib.ticker.NullFormatter())
@@ -72,7 +73,7 @@ def label_log(axis, name, limits):
 
 
 def worst_of_points(rows, column):
-    """One entry per method, ratio and budget: worst error and median time over the points that were pulled at."""
+    """Return one entry per method, ratio and budget: maximum error and median time over the pulled points."""
     groups = {}
     for row in rows:
         time, error = number(row, "solver_median_ms"), number(row, column)
@@ -82,7 +83,7 @@ def worst_of_points(rows, column):
 
 
 def mark_choice(axis, choice, entries):
-    """The budget, and what was taken within it."""
+    """Mark the budget and the chosen point."""
     axis.axvline(number(choice, "budget_ms"), color="grey", linewidth=1, linestyle=":", zorder=0)
     method = method_of(choice)
     taken = [point for key, point in entries.items() if key[:2] == (method, choice["ratio"]) and int(key[2]) <= int(choice["budget"])]
@@ -119,7 +120,7 @@ def draw_tradeoff(folder, rows, column, against, name, choice=None):
         errors = [e for _, e in entries.values()]
         axis.set_ylim(0.6 * min(errors), min(1.7 * max(errors), HIGHEST))
         for key, (time, error) in entries.items():
-            if error > HIGHEST:  # of no use: at the upper edge
+            if error > HIGHEST:  # out of range: draw at the upper edge
                 axis.plot(time, HIGHEST, "2", color=colour[key[0]], markersize=9, clip_on=False)
         front = pareto(list(entries.values()))
         if front:
@@ -164,7 +165,7 @@ def draw_histograms(folder, rows):
                 continue
             share = 100 * counts / counts.sum()
             edges = [number(r, "low_mm") for r in own] + [number(own[-1], "high_mm")]
-            edges[-1] = edges[-2] + (edges[1] - edges[0])  # the last bin holds all that is beyond it
+            edges[-1] = edges[-2] + (edges[1] - edges[0])  # the last bin contains all larger values
             axis.step(edges, np.append(share, share[-1]), where="post", color=colour[method], linewidth=1.5, label=method)
             reached = max(reached, edges[int(np.flatnonzero(share > 0.02).max()) + 1])
         axis.set_xlim(0, reached or 1)
@@ -190,7 +191,7 @@ def draw_slices(folder, rows):
         slices = {(method_of(row), row["plane"]): row for row in own}
         errors = {key: 1e3 * np.load(os.path.join(folder, row["error_file"])) for key, row in slices.items()}
         largest = number(own[0], "largest_mm")
-        # colours for the methods in the middle: worse ones saturate
+        # the colour scale fits the median method; larger errors saturate
         tops = sorted(float(np.percentile(e[e >= 0], 99.5)) for e in errors.values() if (e >= 0).any())
         top = max(min(tops[len(tops) // 2], largest), 1e-3) if tops else 1
         figure, axes = plt.subplots(len(methods), 3, figsize=(12, 3.4 * len(methods) + 0.5), squeeze=False, constrained_layout=True)
@@ -207,7 +208,7 @@ def draw_slices(folder, rows):
                 aspect = number(row, "row_mm") / number(row, "column_mm")
                 axis.imshow(image, cmap="gray", vmin=low, vmax=high, aspect=aspect)
                 overlay = scale.to_rgba(error)
-                overlay[..., 3] = np.clip(error / top, 0, 1) ** 0.5 * 0.85  # little error leaves the picture as it is
+                overlay[..., 3] = np.clip(error / top, 0, 1) ** 0.5 * 0.85  # small errors stay transparent
                 axis.imshow(overlay, aspect=aspect)
                 axis.set_title("%s, %s" % (method, plane), fontsize=9)
         figure.colorbar(scale, ax=axes, label="error [mm]; largest displacement %.1f mm" % largest, shrink=0.7)

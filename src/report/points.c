@@ -1,4 +1,4 @@
-/* The same tissue in different meshes. */
+/* Locate the same tissue points in different meshes. */
 #include "base/fail.h"
 #include "state/data.h"
 #include "pliant/memory.h"
@@ -34,7 +34,7 @@ pliant_status pliant_body_points(const pliant_model *model, int32_t *count, doub
     return status;
 }
 
-/* The node that lies at a point of the lattice; -1: none does. */
+/* Return the node at a lattice point; -1: none. */
 static int32_t node_at(const pliant_mesh *mesh, const double point[3])
 {
     int32_t at[3];
@@ -47,7 +47,7 @@ static int32_t node_at(const pliant_mesh *mesh, const double point[3])
         at[d] = (int32_t)nearest;
     }
     int32_t node = mesh->node_of_lattice[at[0] + (mesh->cells[0] + 1) * (at[1] + (mesh->cells[1] + 1) * at[2])];
-    for (int d = 0; node >= 0 && d < 3; d++) /* it may have been moved onto bone */
+    for (int d = 0; node >= 0 && d < 3; d++) /* the node may have been moved onto bone */
         if (!(fabs(mesh->rest[3 * node + d] - point[d]) < 1e-6 * mesh->cell_size[d])) return -1;
     return node;
 }

@@ -1,4 +1,4 @@
-/* Tables of figures as CSV (RFC 4180), a row at a time, so that a run that was stopped can go on. */
+/* Tables of results as CSV (RFC 4180), written row by row, so that a stopped run can continue. */
 #define _POSIX_C_SOURCE 200809L
 #include "base/fail.h"
 #include "pliant/memory.h"
@@ -16,7 +16,7 @@ struct pliant_results {
     int num_columns, num_keys;
     char **columns;
     char **cells;     /* (rows x num_columns) */
-    uint64_t *hashes; /* (rows) of the keys */
+    uint64_t *hashes; /* (rows) hashes of the keys */
     size_t rows, capacity;
 };
 
@@ -43,10 +43,10 @@ static uint64_t hash_key(int num_keys, const char *const *key)
 
 typedef struct reader {
     FILE *file;
-    char *text; /* of the row, cells one after another, each with its 0 */
+    char *text; /* cells of the row, each terminated by 0 */
     size_t length, capacity;
     int cells;
-    bool complete; /* the row ended with a line break */
+    bool complete; /* whether the row ended with a line break */
 } reader;
 
 static bool put(reader *r, char c)
@@ -62,7 +62,7 @@ static bool put(reader *r, char c)
     return true;
 }
 
-/* The next row; no cells: the end. */
+/* Read the next row; no cells: the end. */
 static pliant_status read_row(reader *r)
 {
     bool quoted = false, room = true, any = false;
@@ -123,7 +123,7 @@ static pliant_status keep_row(pliant_results *results, const char *const *cells)
     return PLIANT_OK;
 }
 
-/* cells of the reader's row; false: another number than the table has columns */
+/* Split the reader's row into cells; false: the number of cells differs from the table's columns. */
 static bool split_row(const reader *r, int width, const char **cells)
 {
     if (r->cells != width) return false;
@@ -132,7 +132,8 @@ static bool split_row(const reader *r, int width, const char **cells)
     return true;
 }
 
-/* What is there: the header must agree; a last row that was cut off by a stop is dropped. *whole: bytes that are good. */
+/* Read the existing table. Its header must match; an incomplete last row is dropped.
+ * whole: output; number of valid bytes */
 static pliant_status read_table(pliant_results *results, long *whole)
 {
     reader r = {.file = results->file};
@@ -202,7 +203,7 @@ static pliant_status open_file(pliant_results *results)
     long whole = 0;
     pliant_status status = read_table(results, &whole);
     if (status != PLIANT_OK) return status;
-    /* what a stop cut off is overwritten: blanked first, for it may be longer than the next row */
+    /* Rewrite the file without the incomplete row, which may be longer than the next row. */
     fseek(results->file, 0, SEEK_END);
     if (ftell(results->file) > whole) {
         FILE *shorter = fopen(results->path, "w+");
@@ -298,7 +299,7 @@ static void write_json_text(FILE *file, const char *text)
     putc('"', file);
 }
 
-/* JSON knows decimal numbers only: no inf, no hexadecimal, no leading zero or plus */
+/* JSON permits decimal numbers only: no inf, no hexadecimal numbers, no leading zero or plus. */
 static bool is_number(const char *text)
 {
     const char *digit = text + (*text == '-');

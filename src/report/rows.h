@@ -1,4 +1,4 @@
-/* Rows of the report's tables while they are put together, and small things that its parts share. */
+/* Build rows of the report's tables; small shared functions. */
 #ifndef PLIANT_REPORT_ROWS_H
 #define PLIANT_REPORT_ROWS_H
 
@@ -10,7 +10,7 @@ extern "C" {
 
 enum { ROW_CELLS = 96, ROW_TEXT = 1024, ROW_ROOM = 8192 };
 
-/* Cells one after another; the key first. A copy of a row with the key only serves many rows. */
+/* A row under construction, key cells first. Copies of a row that contains only the key serve for many rows. */
 typedef struct report_row {
     char room[ROW_ROOM];
     size_t used;
@@ -19,26 +19,26 @@ typedef struct report_row {
 } report_row;
 
 void row_clear(report_row *row);
-/* Line breaks become blanks; a text longer than ROW_TEXT is cut. */
+/* Append text. Line breaks become blanks; text longer than ROW_TEXT is truncated. */
 void row_text(report_row *row, const char *text);
-void row_number(report_row *row, double value); /* six digits; empty when it is not a number */
+void row_number(report_row *row, double value); /* six digits; empty if it is not finite */
 void row_integer(report_row *row, int64_t value);
 void row_empty(report_row *row, int count);
-/* Drop the cells from `count` on. */
+/* Remove the cells from `count` on. */
 void row_back(report_row *row, int count);
 bool row_known(const report_row *row, const pliant_results *results);
-/* Cells that are missing at the end stay empty. */
-/* ARGUMENT when there are more cells than columns. */
+/* Append the row to a table. Missing cells at the end stay empty. */
+/* Errors: ARGUMENT if there are more cells than columns. */
 pliant_status row_add(const report_row *row, pliant_results *results);
 
-/* A row of the sweep has a key of RUN_KEYS cells, of a model MODEL_KEYS. */
+/* A row of the sweep has a key of RUN_KEYS cells, a row of a model MODEL_KEYS. */
 enum { MODEL_KEYS = 5, RUN_KEYS = 8 };
 
-/* The smallest of `count` sorted values that a part of them does not exceed. */
+/* Return the quantile of sorted values: the minimum value that is not exceeded by the fraction `part` of them. */
 double report_quantile(const double *sorted, int32_t count, double part);
 void report_sort(double *values, int32_t count);
 
-/* Of what figures follow from: bytes, after others. */
+/* Continue a hash of the inputs that determine a result. */
 uint64_t report_hash(uint64_t hash, const void *bytes, size_t size);
 
 pliant_status report_write_npy(const char *path, const int32_t size[2], const float *values);

@@ -1,4 +1,4 @@
-/* What makes figures comparable, in eight characters. */
+/* Identify comparable results by a hash of eight characters. */
 #include "base/fail.h"
 #include "report/rows.h"
 
@@ -26,7 +26,7 @@ static uint64_t add_materials(uint64_t hash, const pliant_material_table *table)
     return hash;
 }
 
-/* Names matter where they decide materials. */
+/* Segment names matter where they determine materials. */
 static uint64_t add_segments(uint64_t hash, const pliant_labels *labels, const pliant_material_table *table)
 {
     hash = report_hash(hash, labels->segments, labels->num_segments * sizeof *labels->segments);
@@ -39,7 +39,7 @@ static uint64_t add_segments(uint64_t hash, const pliant_labels *labels, const p
 
 void pliant_report_setup(const pliant_report_input *input, const pliant_sweep *sweep, char out[9])
 {
-    pliant_scene scene = *input->scene; /* its padding is zero: it was made by pliant_scene_defaults */
+    pliant_scene scene = *input->scene; /* padding is zero, because pliant_scene_defaults created it */
     scene.model.method = PLIANT_FINE;
     scene.model.touch = PLIANT_TOUCH_OVERLAP;
     scene.mesh.ratio = 1;

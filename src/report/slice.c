@@ -1,4 +1,4 @@
-/* Slices as they are looked at, and as files that Python reads. */
+/* Extract slices in radiological orientation, and write them as files for Python. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/rows.h"
@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* the voxel axis nearest to each anatomical one, each used once */
+/* Find the voxel axis nearest to each anatomical axis, each used once. */
 static void nearest_axes(const pliant_geometry *geometry, int axis_of[3])
 {
     bool used[3] = {false, false, false}, done[3] = {false, false, false};
@@ -42,7 +42,7 @@ pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const d
     int32_t columns = geometry->size[across], rows = geometry->size[down];
     float *values = pliant_calloc((size_t)columns * (size_t)rows, sizeof *values);
     if (!values) return pliant_fail_memory("a slice");
-    /* columns towards patient left or posterior; rows towards posterior in an axial slice, inferior in the others */
+    /* columns to the patient's left or posterior; rows to posterior in axial slices, to inferior in others */
     bool mirror = geometry->direction[3 * across_world + across] < 0;
     bool turn = (geometry->direction[3 * down_world + down] < 0) == (axis == 2);
     size_t stride[3] = {1, (size_t)geometry->size[0], (size_t)geometry->size[0] * (size_t)geometry->size[1]};
@@ -66,7 +66,7 @@ pliant_status report_write_npy(const char *path, const int32_t size[2], const fl
     snprintf(text, sizeof text, "{'descr': '<f4', 'fortran_order': False, 'shape': (%d, %d), }", (int)size[1], (int)size[0]);
     FILE *file = fopen(path, "wb");
     if (!file) return pliant_fail(PLIANT_ERROR_FILE, "%s: %s", path, strerror(errno));
-    /* magic, version 1.0, length of the header, the header padded with blanks to 128 bytes in all */
+    /* magic number, version 1.0, header length, header padded with blanks to a total of 128 bytes */
     static const unsigned char magic[10] = {0x93, 'N', 'U', 'M', 'P', 'Y', 1, 0, 118, 0};
     fwrite(magic, 1, sizeof magic, file);
     fprintf(file, "%-117s\n", text);

@@ -1,4 +1,4 @@
-/* Every stability case, and the worst verdict. */
+/* Run all stability cases, and return the worst verdict. */
 #include "base/fail.h"
 #include "report/stability_cases.h"
 
@@ -47,7 +47,7 @@ pliant_status pliant_stability_run(const pliant_report_input *input, const plian
         status = block_create_default(&block);
         context.input = &block.input;
     }
-    if (status >= 0 && !input) trial_as_asked(&context, &block.scene); /* another setup */
+    if (status >= 0 && !input) trial_as_asked(&context, &block.scene); /* a different setup */
     if (status >= 0) pliant_report_setup(context.input, NULL, context.setup);
     for (int c = 0; status >= 0 && c < NUM_CASES; c++) {
         if (options->only && strcmp(options->only, cases[c].name) != 0) continue;

@@ -49,13 +49,13 @@ pliant_status block_create(const int32_t size[3], const double box[3], block_pai
     out->table.materials = out->materials;
     out->table.num_materials = 4;
     pliant_scene_defaults(&out->scene);
-    /* lengths of a patient, so that blocks of different sizes stay comparable */
+    /* lengths scaled from a patient, so that blocks of different sizes are comparable */
     out->scene.grasp.radius = 0.006;
     out->scene.cut.drag = 0.003;
     out->scene.warp.margin = 0.03;
     for (int d = 0; d < 3; d++) out->scene.mesh.coarse_cells[d] = 3;
     out->scene.mesh.ratio = 2;
-    out->scene.solver.threads = 1; /* small bodies: threads would only cost */
+    out->scene.solver.threads = 1; /* threads do not pay off for small bodies */
     out->scene.fixed.num_planes = 1;
     out->scene.fixed.planes[0] = (pliant_fixed_plane){{1e-9, 0, 0}, {1, 0, 0}};
     out->input = (pliant_report_input){&out->scene, &out->scan, NULL, &out->table};

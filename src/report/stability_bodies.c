@@ -1,4 +1,4 @@
-/* Cases that are about bodies. */
+/* Stability cases with unusual bodies. */
 #include "report/stability_cases.h"
 
 #include <stdio.h>
@@ -14,7 +14,8 @@ pliant_status stability_contrast(stability_context *context)
     for (size_t c = 0; status >= 0 && c < sizeof contrasts / sizeof *contrasts; c++) {
         char text[32];
         snprintf(text, sizeof text, "%g", contrasts[c]);
-        /* so soft that a billion times that is still in the range of materials, and so light that it carries itself */
+        /* So soft that a billion times stiffer is still in the range of materials, and so light that it supports its
+         * weight. */
         body.materials[BLOCK_SOFT].young_modulus = 500;
         body.materials[BLOCK_SOFT].density = body.materials[BLOCK_HARD].density = 100;
         body.materials[BLOCK_HARD].young_modulus = contrasts[c] * body.materials[BLOCK_SOFT].young_modulus;
@@ -92,7 +93,7 @@ pliant_status stability_empty(stability_context *context)
     return status;
 }
 
-/* the voxels of one corner tetrahedron of a single cell */
+/* voxels of one corner tetrahedron of a single cell */
 static int one_corner(const int32_t voxel[3], const int32_t size[3])
 {
     double local[3];
@@ -108,7 +109,7 @@ pliant_status stability_single_tetrahedron(stability_context *context)
     if (status < 0) return status;
     for (int d = 0; d < 3; d++) body.scene.mesh.coarse_cells[d] = 1;
     body.scene.mesh.ratio = 1;
-    /* the corner that it sits in and two of its neighbours lie in one face of the cell across z */
+    /* its corner and two adjacent corners lie in one face of the cell across z */
     int corners[4], up = 0;
     pliant_mesh_slot_corners(0, 1, corners);
     for (int v = 0; v < 4; v++) up += corners[v] >> 2 & 1;
@@ -120,14 +121,14 @@ pliant_status stability_single_tetrahedron(stability_context *context)
     return status;
 }
 
-/* two slabs with air between them; the second one hangs on nothing */
+/* two slabs with air in between; the second one is not fixed */
 static int two_slabs(const int32_t voxel[3], const int32_t size[3])
 {
     int32_t sixth = 6 * voxel[0] / size[0];
     return sixth < 2 || sixth > 3 ? BLOCK_SOFT : BLOCK_AIR;
 }
 
-/* two bars that share an edge of the lattice only: the second can turn about it */
+/* two bars that share only an edge of the lattice; the second one can rotate about it */
 static int two_bars(const int32_t voxel[3], const int32_t size[3])
 {
     bool far_x = 2 * voxel[0] >= size[0], far_y = 2 * voxel[1] >= size[1];

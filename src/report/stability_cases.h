@@ -1,4 +1,4 @@
-/* The cases of stability, in files of their own: bodies, loads, shapes, dynamics. */
+/* Stability cases, grouped in files: bodies, loads, shapes, dynamics. */
 #ifndef PLIANT_REPORT_STABILITY_CASES_H
 #define PLIANT_REPORT_STABILITY_CASES_H
 
@@ -19,12 +19,14 @@ STABILITY_CASE_LIST(STABILITY_DECLARE)
 #undef STABILITY_DECLARE
 
 
-/* Treatments of more than one case. */
-/* The grabbed point is somewhere else every step. @param argument a pliant_drive */
+/* Treatments that several cases use. */
+/* Move the grasped point to a different position in every step.
+ * @param argument a pliant_drive */
 pliant_status trial_teleport(stability_trial *trial, const void *argument);
-/* A spring is moved by a tenth of the body at once. @param argument its stiffness, a double [N/m] */
+/* Move a spring by a tenth of the body's size in one step.
+ * @param argument its stiffness, a double [N/m] */
 pliant_status trial_spring(stability_trial *trial, const void *argument);
-/* What is not a number is refused, and the body does not notice. */
+/* Pass values that are not finite. They must be rejected without any effect. */
 pliant_status trial_not_finite(stability_trial *trial, const void *argument);
 
 #ifdef __cplusplus

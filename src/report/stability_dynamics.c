@@ -1,4 +1,4 @@
-/* Cases about explicit dynamics: its time step, the energy that it should keep, and what inertia makes of loads and bodies. */
+/* Stability cases for explicit dynamics: time step, energy conservation, and loads and bodies with inertia. */
 #include "base/fail.h"
 #include "fem/dynamics/tled.h"
 #include "state/data.h"
@@ -15,8 +15,8 @@ static int all_soft(const int32_t voxel[3], const int32_t size[3])
     return 0;
 }
 
-/* A block of one tissue without damping, by true dynamics. Of one tissue, because the bound is that of the stiffest element alone: where
- * its neighbours are softer, what they add in mass lets it take longer steps. */
+/* Create a block of one material without damping for explicit dynamics. The bound of the time step is determined by the
+ * stiffest element alone. Softer adjacent elements add mass and permit longer steps, so there is only one material. */
 static pliant_status dynamic_block(block_body *body)
 {
     static const int32_t size[3] = {12, 12, 12};
@@ -27,7 +27,8 @@ static pliant_status dynamic_block(block_body *body)
     return status;
 }
 
-/* The time step is `part` of the largest stable one: sub-steps of a frame are whole, so the frame is made of so many of them. */
+/* Set the time step to `part` of the maximum stable one. A frame has a whole number of sub-steps, so its length is
+ * adjusted. */
 static pliant_status set_time_step(block_body *body, double part, int substeps)
 {
     pliant_model *model = NULL;
@@ -39,7 +40,8 @@ static pliant_status set_time_step(block_body *body, double part, int substeps)
     return PLIANT_OK;
 }
 
-/* ---- time_step: at 0.99 of the bound it swings, at 1.5 the first frames are refused and the state before them is kept */
+/* ---- time_step: with 0.99 of the bound it oscillates; with 1.5 the first frames are rejected and the previous state
+ * is kept */
 
 static pliant_status swing(stability_trial *trial, const void *argument)
 {
@@ -79,7 +81,7 @@ pliant_status stability_time_step(stability_context *context)
     return status;
 }
 
-/* ---- energy: bent and let go, undamped */
+/* ---- energy: bent and released, undamped */
 
 static pliant_status keep_energy(stability_trial *trial, const void *argument)
 {
@@ -121,16 +123,17 @@ pliant_status stability_energy(stability_context *context)
     return status;
 }
 
-/* ---- loads and bodies with inertia: all come to rest where they were */
+/* ---- loads and bodies with inertia: all return to rest */
 
-/* With a hard core, bounds as the scene has them, damped so that the slowest swing is over within two seconds. */
+/* Create a body with a hard core and the scene's bounds, damped so that the slowest oscillation decays within two
+ * seconds. */
 static void damp(block_body *body)
 {
     body->scene.solver.kind = PLIANT_TLED;
     body->scene.tled.damping = 20;
 }
 
-/* One block, the same treatment by each of the arguments. */
+/* Apply one treatment to a block with each of the arguments. */
 static pliant_status try_block(stability_context *context, const char *const *names, size_t count, size_t size, const void *arguments,
                                stability_treatment treatment)
 {
@@ -185,7 +188,7 @@ pliant_status stability_dynamic_octree(stability_context *context)
     return status;
 }
 
-/* a ball of bone inside, which cuts cells wherever it likes */
+/* a sphere of bone whose surface intersects cells arbitrarily */
 static int bone_ball(const int32_t voxel[3], const int32_t size[3])
 {
     double squares = 0;
@@ -205,7 +208,7 @@ pliant_status stability_dynamic_bone_surface(stability_context *context)
     return status;
 }
 
-/* The deformed volume is a smooth map's, of every frame; at rest it is the scan. */
+/* Check that the deformed volume is that of a smooth map in every frame, and equals the scan at rest. */
 static pliant_status show(stability_trial *trial, const void *argument)
 {
     const double most_wrong = 0.01;

@@ -1,4 +1,4 @@
-/* Cases that are about loads: on the user's own scan where there is one. */
+/* Stability cases with unusual loads, on the user's scan if there is one. */
 #include "base/fail.h"
 #include "state/data.h"
 #include "pliant/memory.h"
@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* 0 <= x < 1, the same everywhere */
+/* pseudo-random number in [0, 1), identical on all machines */
 static double next_random(uint64_t *state)
 {
     *state = *state * 6364136223846793005u + 1442695040888963407u;
@@ -23,7 +23,7 @@ static pliant_status move_to(stability_trial *trial, const double from[3], const
     return status < 0 ? status : trial_step(trial);
 }
 
-/* a treatment by each of these numbers */
+/* apply a treatment with each of these numbers */
 static pliant_status try_each(stability_context *context, const double *numbers, size_t count, const char *unit,
                               stability_treatment treatment)
 {
@@ -36,7 +36,7 @@ static pliant_status try_each(stability_context *context, const double *numbers,
     return status;
 }
 
-/* ---- pull: to a multiple of the body's size in 30 steps, and let go */
+/* ---- pull: to a multiple of the body's size in 30 steps, then release */
 
 typedef struct pull_argument { double sizes; pliant_drive drive; } pull_argument;
 static const double aslant[3] = {0.48, -0.8, 0.36};
@@ -69,7 +69,7 @@ pliant_status stability_pull(stability_context *context)
     return status;
 }
 
-/* ---- teleport: the grabbed point is somewhere else every step */
+/* ---- teleport: the grasped point moves to a different position in every step */
 
 pliant_status trial_teleport(stability_trial *trial, const void *argument)
 {
@@ -92,7 +92,7 @@ pliant_status stability_teleport(stability_context *context)
     return status < 0 ? status : stability_try(context, "spring", context->input, trial_teleport, drives + 1);
 }
 
-/* ---- gravity, all at once */
+/* ---- full gravity in one step */
 
 static pliant_status heavy(stability_trial *trial, const void *argument)
 {
@@ -111,7 +111,7 @@ pliant_status stability_gravity(stability_context *context)
     return try_each(context, sizes, sizeof sizes / sizeof *sizes, "g", heavy);
 }
 
-/* ---- springs of any stiffness, moved by a tenth of the body at once */
+/* ---- springs of any stiffness, moved by a tenth of the body's size in one step */
 
 pliant_status trial_spring(stability_trial *trial, const void *argument)
 {
@@ -133,7 +133,7 @@ pliant_status stability_spring(stability_context *context)
     return try_each(context, stiffness, sizeof stiffness / sizeof *stiffness, "N/m", trial_spring);
 }
 
-/* ---- the free end turned by 180 degrees in one step, by three tools */
+/* ---- the free end rotated by 180 degrees in one step by three tools */
 
 static pliant_status twist(stability_trial *trial, const void *argument)
 {
@@ -170,7 +170,7 @@ static pliant_status twist(stability_trial *trial, const void *argument)
     return trial->last < 0 ? trial->last : trial_let_go(trial);
 }
 
-/* every free node turned about the body's axis, and let go */
+/* rotate all free nodes about the body's axis by 180 degrees, then release */
 static pliant_status turned(stability_trial *trial, const void *argument)
 {
     const pliant_mesh *fine = &trial->model->body->fine;
@@ -194,7 +194,7 @@ pliant_status stability_half_turn(stability_context *context)
     return status;
 }
 
-/* ---- what is not a number is refused, and the body does not notice */
+/* ---- values that are not finite are rejected without any effect */
 
 pliant_status trial_not_finite(stability_trial *trial, const void *argument)
 {
@@ -213,7 +213,7 @@ pliant_status trial_not_finite(stability_trial *trial, const void *argument)
         refused += trial_called(trial, pliant_data_set_positions(trial->model, trial->data, (const double[3]){NAN, 0, 0})) < 0;
         trial_step(trial);
     }
-    /* finite, but beyond double precision once squared */
+    /* finite, but the square overflows in double precision */
     const double huge[3] = {1e200, 0, 0};
     if (trial_called(trial, pliant_tool_set_pose(trial->data, 0, huge, NULL)) >= 0) trial_step(trial);
     trial_called(trial, pliant_tool_set_pose(trial->data, 0, from, NULL));

@@ -1,4 +1,4 @@
-/* Cases that start from an impossible shape and let go; and the long run. */
+/* Stability cases that start from an impossible shape, and a long run. */
 #include "base/fail.h"
 #include "state/data.h"
 #include "pliant/memory.h"
@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Shapes: positions from those at rest. */
+/* Function that computes positions from the rest positions. */
 typedef struct shape { void (*make)(const pliant_model *model, double part, double *positions); double part; } shape;
 
 static pliant_status start_from(stability_trial *trial, const void *argument)
@@ -27,7 +27,7 @@ static pliant_status start_from(stability_trial *trial, const void *argument)
     return trial_let_go(trial);
 }
 
-/* The tetrahedron that is worst off when one node of it is moved: the one in the middle with a free node. */
+/* Find a free node of a tetrahedron in the middle of the mesh. */
 static void find_middle(const pliant_model *model, int32_t *tet, int *corner)
 {
     const pliant_mesh *fine = &model->body->fine;
@@ -40,7 +40,7 @@ static void find_middle(const pliant_model *model, int32_t *tet, int *corner)
     }
 }
 
-/* A free node is moved to the opposite face of a tetrahedron, and by `part` - 1 of the way beyond. */
+/* Move a free node to the opposite face of a tetrahedron, and beyond it by (part - 1) times the distance. */
 static void squash(const pliant_model *model, double part, double *positions)
 {
     int32_t tet = 0;
@@ -75,7 +75,7 @@ static void scramble(const pliant_model *model, double part, double *positions)
     }
 }
 
-/* Every node to the middle along the first `part` axes, from z on: 1 a plane, 3 a point. */
+/* Move every node to the centre along the first `part` axes, starting with z: 1 gives a plane, 3 a point. */
 static void collapse(const pliant_model *model, double part, double *positions)
 {
     const pliant_mesh *fine = &model->body->fine;
@@ -85,7 +85,7 @@ static void collapse(const pliant_model *model, double part, double *positions)
         if (3 - i % 3 <= (int)part) positions[i] = middle[i % 3];
 }
 
-/* Mirrored in the middle plane across x, `part` sizes away. */
+/* Mirror at the central plane across x, and shift by `part` times the size. */
 static void mirror(const pliant_model *model, double part, double *positions)
 {
     const pliant_mesh *fine = &model->body->fine;
@@ -137,9 +137,9 @@ pliant_status stability_point(stability_context *context)
     return on_block(context, "onto a point", &point);
 }
 
-/* ---- the long run: a pull that goes round and round; the same place of every round must look the same */
+/* ---- long run: a circular pull; the same phase of every round must give the same result */
 
-enum { ROUND = 100, SKIPPED = 3 }; /* steps of a round; rounds before the first that counts */
+enum { ROUND = 100, SKIPPED = 3 }; /* steps per round; rounds to skip before measuring */
 
 static double farthest(const double *a, const double *b, int32_t count)
 {
@@ -154,7 +154,8 @@ static pliant_status go_round(stability_trial *trial, const void *argument)
     int32_t count = 3 * trial->model->body->fine.num_nodes;
     double from[3], *first = pliant_calloc((size_t)count, sizeof *first), drift = 0;
     size_t bytes = 0;
-    int64_t growth = INT64_MAX; /* in the round that took least: what is made once, as a factor is in the background, is no leak */
+    /* minimum over the rounds, because data allocated once, such as a background factorization, are no leak */
+    int64_t growth = INT64_MAX;
     if (!first) return trial_called(trial, pliant_fail_memory("the first round"));
     pliant_status status = trial_grasp(trial, PLIANT_DRIVE_SPRING, from);
     for (int64_t step = 0; status >= 0 && step < steps; step++) {

@@ -20,7 +20,7 @@ const char *pliant_verdict_name(pliant_verdict verdict)
     return names[verdict];
 }
 
-/* ---- one step, watched */
+/* ---- one step with checks */
 
 static bool finite_positions(const stability_trial *trial)
 {
@@ -29,7 +29,7 @@ static bool finite_positions(const stability_trial *trial)
     return true;
 }
 
-/* largest distance from rest [m] */
+/* maximum distance from rest [m] */
 static double off_rest(const stability_trial *trial)
 {
     const pliant_mesh *fine = &trial->model->body->fine;
@@ -89,7 +89,8 @@ pliant_status trial_step(stability_trial *trial)
 
 static bool has_inertia(const pliant_scene *scene) { return scene->solver.kind == PLIANT_TLED && !scene->tled.quasi_static; }
 
-/* What swings is at rest when hardly anything of its energy is left in motion, and stays so: at a turning point there is none, either. */
+/* Return whether the body is at rest: the kinetic energy stays nearly zero for some frames. At a turning point it is
+ * zero only briefly. */
 static bool came_to_rest(stability_trial *trial)
 {
     enum { STEPS = 3 };
@@ -180,7 +181,7 @@ pliant_status trial_workout(stability_trial *trial, const void *argument)
     return status;
 }
 
-/* ---- from a trial to a row */
+/* ---- rows of trials */
 
 static pliant_verdict judge(stability_trial *trial, int64_t growth)
 {

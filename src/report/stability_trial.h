@@ -1,4 +1,4 @@
-/* Trials that try to break the solver: a body, a method, a treatment, a verdict. */
+/* Stability trials: a body, a method, a treatment, a verdict. */
 #ifndef PLIANT_REPORT_STABILITY_TRIAL_H
 #define PLIANT_REPORT_STABILITY_TRIAL_H
 
@@ -10,14 +10,14 @@ extern "C" {
 #endif
 
 typedef struct stability_context {
-    const pliant_report_input *input; /* the body of cases that vary the load */
+    const pliant_report_input *input; /* body of cases that vary the load */
     const pliant_stability *options;
     pliant_report_tables *tables;
     pliant_progress progress;
     char setup[9];
-    const char *name;                 /* of the case */
-    int index, count;                 /* of cases, for the progress */
-    bool dynamic;                     /* the case's body says how it is solved */
+    const char *name;                 /* name of the case */
+    int index, count;                 /* index and number of cases, for the progress */
+    bool dynamic;                     /* the case's body determines the solver */
 } stability_context;
 
 typedef struct stability_trial {
@@ -30,45 +30,49 @@ typedef struct stability_trial {
     pliant_model *model;
     pliant_data *data;
     double *kept;             /* (fine nodes x 3) positions before the step */
-    double size;              /* largest edge of the body's box at rest [m] */
+    double size;              /* maximum edge of the body's bounding box at rest [m] */
     int64_t steps;
     int64_t iterations;
-    int32_t steps_to_rest;    /* -1: did not, -2: was not asked */
+    int32_t steps_to_rest;    /* -1: did not come to rest, -2: not tested */
     int32_t inverted_most;
     int64_t refused;
-    double largest;           /* displacement seen [m] */
-    double energy;            /* of explicit dynamics, the largest when it was settling [J] */
-    int32_t still;            /* frames in a row without motion */
-    pliant_status last;       /* of the last step or call */
+    double largest;           /* maximum displacement [m] */
+    double energy;            /* maximum energy of explicit dynamics while settling [J] */
+    int32_t still;            /* consecutive frames without motion */
+    pliant_status last;       /* status of the last step or call */
     bool broken, wrong_rest, unsettled;
-    bool cancelled;           /* no verdict */
-    char doing[128];          /* for the progress */
+    bool cancelled;           /* there is no verdict */
+    char doing[128];          /* text for the progress */
     char message[ROW_TEXT];
     char figure[128];
 } stability_trial;
 
-/* What is done to one body by one method; called for every method. A status below 0 was seen by the trial already. */
+/* Treatment of one body with one method; called for every method. Negative statuses are already recorded in the
+ * trial. */
 typedef pliant_status (*stability_treatment)(stability_trial *trial, const void *argument);
 
-/* Build the input's body with every method, treat it, tell the verdict. Trials in the table are passed over.
- * Errors: CANCELLED, FILE, MEMORY; what the core refuses is a verdict. */
+/* Build the input's body with every method, apply the treatment and record the verdict. Trials that are in the table
+ * are skipped. Errors: CANCELLED, FILE, MEMORY; other errors are part of the verdict. */
 pliant_status stability_try(stability_context *context, const char *parameter, const pliant_report_input *input,
                             stability_treatment treatment, const void *argument);
 
-/* Trials of explicit dynamics are by dynamic relaxation: bodies that come to rest. Cases about inertia have bodies of their own. */
+/* Use dynamic relaxation for explicit dynamics, so that bodies come to rest. Cases about inertia use their own
+ * bodies. */
 void trial_as_asked(const stability_context *context, pliant_scene *scene);
 
-/* One step: checks that positions are finite and that a refusal keeps them. */
+/* Compute one step. Check that positions are finite, and that a rejected step keeps them. */
 pliant_status trial_step(stability_trial *trial);
-/* Steps until one ends below the tolerance, with inertia until nothing moves, at most settle_steps; how many it took, or -1. */
+/* Step until a step ends below the tolerance, or with inertia until nothing moves, at most settle_steps. Return the
+ * number of steps, or -1. */
 int32_t trial_settle(stability_trial *trial);
-/* Tools let go, gravity off, settle; says whether the body is where it was at rest. */
+/* Remove tools and gravity, and settle. Record whether the body returns to its rest shape. */
 pliant_status trial_let_go(stability_trial *trial);
-/* A status of a call other than a step. */
+/* Record the status of a call other than a step. */
 pliant_status trial_called(stability_trial *trial, pliant_status status);
-/* Take hold of the free node farthest from the fixed ones; from: the tip. */
+/* Grasp the free node farthest from the fixed ones.
+ * from: output; position of the tip */
 pliant_status trial_grasp(stability_trial *trial, pliant_drive drive, double from[3]);
-/* Gravity settles, a pull of a tenth of the body, let go. For cases about the body itself. */
+/* Apply gravity, pull by a tenth of the body's size, and release. For cases about the body itself. */
 pliant_status trial_workout(stability_trial *trial, const void *argument);
 
 #ifdef __cplusplus

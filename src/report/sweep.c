@@ -1,4 +1,4 @@
-/* Error against run time: every method, ratio, variant and budget through the same load cases. */
+/* Measure error against run time: every method, ratio, variant and budget with the same load cases. */
 #include "base/fail.h"
 #include "fem/patch/patch.h"
 #include "state/data.h"
@@ -18,7 +18,7 @@ static const char *const touch_names[] = {PLIANT_TOUCH_LIST(NAME)};
 #undef NAME
 enum { NUM_METHODS = sizeof method_names / sizeof *method_names, NUM_TOUCHES = sizeof touch_names / sizeof *touch_names };
 
-/* methods that the scene's elements have */
+/* Return the methods that support the scene's elements. */
 static uint32_t with_elements(const pliant_scene *scene)
 {
     const bool linear = pliant_scene_element_kind(scene, NULL) == PLIANT_LINEAR;
@@ -41,8 +41,9 @@ void pliant_sweep_defaults(const pliant_scene *scene, pliant_sweep *out)
     out->methods = tled || scene->mesh.kind == PLIANT_OCTREE || scene->mesh.file[0] ? 1u << PLIANT_FINE : with_elements(scene);
     out->ratios[out->num_ratios++] = scene->mesh.ratio;
     for (size_t b = 0; b < sizeof iterations / sizeof *iterations; b++) out->iterations[out->num_iterations++] = budgets[b];
-    const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, forward and a little up and aside, so that no axis is special */
-    for (int d = 0; d < 3; d++) out->pull[d] = tled ? 0.01 * pull[d] : pull[d]; /* strains so small that all laws are Hooke's */
+    const double pull[3] = {0.004, -0.029, 0.006}; /* 3 cm, mainly forward with components along all axes */
+    /* strains so small that all material laws agree with Hooke's law */
+    for (int d = 0; d < 3; d++) out->pull[d] = tled ? 0.01 * pull[d] : pull[d];
     out->cases = (1u << NUM_CASES) - 1;
     out->frames = 30;
     out->repeats = 1;
@@ -92,7 +93,7 @@ static void run_key(const sweep_ground *ground, int index, int budget, report_ro
 
 static int num_touches(int method) { return method == PLIANT_SCHUR ? NUM_TOUCHES : 1; }
 
-/* Models are dealt out in turn, in the order in which they are run. */
+/* Return whether a model belongs to this shard. Models are distributed cyclically in the order of their runs. */
 static bool in_shard(const sweep_state *state, int method, int touch)
 {
     const pliant_sweep *sweep = state->ground.sweep;
@@ -102,7 +103,8 @@ static bool in_shard(const sweep_state *state, int method, int touch)
     return sweep->shards == 0 || (state->grounds * models + before) % sweep->shards == sweep->shard - 1;
 }
 
-/* runs of a model that are not in the table yet; missing (Nullable): (cases) set to 1 for theirs */
+/* Count the runs of a model that are not in the table yet.
+ * missing: Nullable, (cases) set to 1 for missing runs */
 static int count_missing(const sweep_state *state, int method, int touch, uint8_t *missing)
 {
     const sweep_ground *ground = &state->ground;
@@ -113,7 +115,7 @@ static int count_missing(const sweep_state *state, int method, int touch, uint8_
     size_t rows = pliant_results_rows(ground->tables->builds);
     int status = pliant_results_column(ground->tables->builds, "status");
     bool built = row_known(&row, ground->tables->builds);
-    for (size_t r = 0; built && r < rows; r++) { /* a model that was refused has no runs */
+    for (size_t r = 0; built && r < rows; r++) { /* a rejected model has no runs */
         int same = 0;
         while (same < MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, same), row.room + row.start[same]) == 0) same++;
         if (same == MODEL_KEYS && strcmp(pliant_results_cell(ground->tables->builds, r, status), "refused") == 0) return 0;
@@ -136,7 +138,7 @@ static int each_missing(const sweep_state *state, uint8_t *missing)
     return count;
 }
 
-/* the run at hand may be stopped anywhere; what it is called stays the same meanwhile */
+/* Forward the progress. The current run may be cancelled at any time; the text of the run stays the same. */
 static bool pass_progress(double fraction, const char *stage, void *user)
 {
     const sweep_state *state = user;
@@ -167,7 +169,7 @@ static pliant_status build(sweep_state *state, const pliant_scene *scene, pliant
     return status;
 }
 
-/* ---- the ground: what is solved tightly first */
+/* ---- reference solutions */
 
 void sweep_list_cases(sweep_ground *ground)
 {
@@ -196,7 +198,7 @@ static pliant_status run_reference(sweep_state *state, pliant_model *model, cons
 {
     pliant_backend_choice backend = model->scene.solver.backend;
     report_limits limits = {.tolerance = tolerance, .tight = true, .progress = {pass_progress, state}};
-    model->scene.solver.backend = PLIANT_CPU; /* the one that all others are measured against */
+    model->scene.solver.backend = PLIANT_CPU; /* the reference for all backends */
     pliant_status status = report_case_run(model, state->ground.cases + index, limits, points, NULL, &out->run);
     model->scene.solver.backend = backend;
     if (status < 0) return status;
@@ -210,7 +212,8 @@ static pliant_status run_reference(sweep_state *state, pliant_model *model, cons
     return PLIANT_OK;
 }
 
-/* From the folder, or solved and kept there. @param doing what it is called */
+/* Read a reference solution from the folder, or compute and store it.
+ * @param doing text for the progress */
 static pliant_status find_reference(sweep_state *state, pliant_model *model, const pliant_points *points, int index, double tolerance,
                                     bool keep_last, const char *doing, sweep_reference *out)
 {
@@ -231,7 +234,7 @@ static pliant_status find_reference(sweep_state *state, pliant_model *model, con
     return status;
 }
 
-/* Force cases pull with what the displacement of the same point took. */
+/* Compute the references on the same mesh. A force case uses the force of the displacement case at the same point. */
 static pliant_status solve_same(sweep_state *state, const uint8_t *missing)
 {
     sweep_ground *ground = &state->ground;
@@ -254,7 +257,8 @@ static pliant_status solve_twice(sweep_state *state, const uint8_t *missing)
     pliant_scene scene = ground->scene;
     pliant_model *model = NULL;
     size_t peak;
-    for (int d = 0; scene.mesh.kind == PLIANT_OCTREE && d < 3; d++) scene.mesh.coarse_cells[d] *= 2; /* deeper, it stays where it is pure */
+    /* one level deeper, also where the octree is homogeneous */
+    for (int d = 0; scene.mesh.kind == PLIANT_OCTREE && d < 3; d++) scene.mesh.coarse_cells[d] *= 2;
     if (scene.mesh.kind == PLIANT_LATTICE) scene.mesh.ratio *= 2;
     scene.model.method = PLIANT_FINE;
     scene.solver.kind = PLIANT_COROTATIONAL;
@@ -303,9 +307,9 @@ void sweep_free_ground(sweep_ground *ground)
     ground->twice_tets = 0;
 }
 
-/* ---- the runs */
+/* ---- runs */
 
-/* the budget that per-voxel errors are told of: the most accurate one */
+/* Return the budget for per-voxel errors: the most accurate one. */
 static int best_budget(const pliant_sweep *sweep)
 {
     int best = 0;
@@ -314,7 +318,7 @@ static int best_budget(const pliant_sweep *sweep)
     return best;
 }
 
-/* The same work once more: only its times count, where they are lower. */
+/* Repeat a run; only lower times replace the first ones. */
 static pliant_status repeat(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points,
                             const pliant_geometry *target, report_run *run)
 {
@@ -325,7 +329,7 @@ static pliant_status repeat(const pliant_model *model, const report_case *load, 
     return status;
 }
 
-/* Of the time of frames: where a thread ran for less, the machine does other work. */
+/* Minimum fraction of the time in which a thread runs; below it, the machine does other work. */
 static const double quiet = 0.8;
 
 static pliant_status run_one(sweep_state *state, const pliant_model *model, const pliant_points *points, int index, int budget,
@@ -339,16 +343,17 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
     report_run run = {0};
     const pliant_geometry *target = sweep->warp ? &ground->target : NULL;
     pliant_status status = report_case_run(model, ground->cases + index, limits, points, target, &run);
-    bool again = !sweep->own_time || run.own_share < quiet; /* what others cost the caches counts even then */
+    /* other programs affect the caches even if the CPU time is measured */
+    bool again = !sweep->own_time || run.own_share < quiet;
     for (int32_t n = 1; status >= 0 && again && n < sweep->repeats; n++) status = repeat(model, ground->cases + index, limits, points, target, &run);
     if (status < 0) report_run_free(&run);
     if (status == PLIANT_ERROR_CANCELLED) return status;
-    if (status < 0) { /* the run ends here, the sweep goes on */
+    if (status < 0) { /* only this run has failed */
         row_text(row, pliant_status_text(status));
         row_text(row, pliant_last_error());
         return row_add(row, ground->tables->sweep);
     }
-    /* errors of voxels are those of rasterized ones */
+    /* voxel errors are defined for rasterized volumes only */
     bool voxels = sweep->warp && ground->scene.warp.kind == PLIANT_RASTERIZE && budget == best_budget(sweep);
     sweep_told told = {ground, model, points, index, &run, voxels};
     status = sweep_tell(&told, row);
@@ -358,10 +363,12 @@ static pliant_status run_one(sweep_state *state, const pliant_model *model, cons
 
 static bool same_mesh(const pliant_scene *a, const pliant_scene *b)
 {
-    return memcmp(&a->mesh, &b->mesh, sizeof a->mesh) == 0; /* its padding is zero: scenes are made by pliant_scene_defaults */
+    /* padding is zero, because pliant_scene_defaults creates scenes */
+    return memcmp(&a->mesh, &b->mesh, sizeof a->mesh) == 0;
 }
 
-/* The last run took longer than what is looked for, or every frame of it met the tolerance: more iterations are of no use. */
+/* Return whether more iterations are useless: the last run exceeded the time limit, or every frame met the
+ * tolerance. */
 static bool enough(const sweep_ground *ground)
 {
     const pliant_results *table = ground->tables->sweep;
@@ -377,7 +384,7 @@ bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind)
     return ground->sweep->before_patch && pliant_patch_asked(&ground->scene) && report_case_pulls(kind);
 }
 
-/* Every case and budget that is not in the table. */
+/* Run every case and budget that is not in the table. */
 static pliant_status run_cases(sweep_state *state, const pliant_model *model, const pliant_points *points, int method, int touch, bool before_patch)
 {
     const sweep_ground *ground = &state->ground;
@@ -419,7 +426,7 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     const pliant_model *used = own ? model : ground->fine;
     model_key(state, method, touch, false, &row);
     if (status == PLIANT_ERROR_CANCELLED) return status;
-    if (status < 0) { /* this method cannot be had here; the others may */
+    if (status < 0) { /* this method is not available here */
         state->done += ground->num_cases * ground->sweep->num_iterations;
         return sweep_tell_build(NULL, pliant_last_error(), 0, &row, ground->tables->builds);
     }
@@ -432,7 +439,7 @@ pliant_status sweep_run_model(sweep_state *state, int method, int touch)
     return status;
 }
 
-/* one ratio and variant */
+/* Run one ratio and variant. */
 static pliant_status run_ground(sweep_state *state)
 {
     uint8_t missing[MOST_CASES] = {0};
@@ -445,7 +452,7 @@ static pliant_status run_ground(sweep_state *state)
     return status;
 }
 
-/* a plane or a box of the group `ground` */
+/* Return whether the group `ground` has a plane or a box. */
 static bool has_walls(const pliant_scene *scene)
 {
     pliant_scene plain;
@@ -455,8 +462,8 @@ static bool has_walls(const pliant_scene *scene)
            memcmp(scene->ground.box_high, plain.ground.box_high, sizeof plain.ground.box_high) != 0;
 }
 
-/* Explicit dynamics runs by dynamic relaxation, so that it answers the same question: its reference is the corotational solver on the
- * same mesh, and both agree where strains are small. */
+/* Choose the reference solver. Explicit dynamics uses dynamic relaxation, which has the same solution. Its reference is
+ * the corotational solver on the same mesh; both agree for small strains. */
 static pliant_status choose_reference(sweep_ground *ground)
 {
     ground->reference = ground->scene;
@@ -469,7 +476,7 @@ static pliant_status choose_reference(sweep_ground *ground)
     return PLIANT_OK;
 }
 
-/* what is compared is made of the same elements */
+/* Use the same elements for all compared methods. */
 static void choose_elements(sweep_state *state, bool counting)
 {
     pliant_scene *scene = &state->ground.scene;
@@ -479,7 +486,7 @@ static void choose_elements(sweep_state *state, bool counting)
     scene->element.kind = kind;
 }
 
-/* counting: how many runs there are to do; else they are done */
+/* counting: count the runs; otherwise compute them */
 static pliant_status each_ground(sweep_state *state, bool counting)
 {
     const pliant_sweep *sweep = state->ground.sweep;

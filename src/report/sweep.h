@@ -1,4 +1,4 @@
-/* The parts of a sweep: what all runs are measured against, and rows from runs. */
+/* Stages of a sweep: reference solutions, runs, and rows. */
 #ifndef PLIANT_REPORT_SWEEP_H
 #define PLIANT_REPORT_SWEEP_H
 
@@ -11,90 +11,92 @@ extern "C" {
 
 enum { MOST_CASES = 3 * PLIANT_MAX_PULLS + 2 };
 
-/* Ends the variant of rows whose pull began before the patch was there. */
+/* Suffix of the variant for rows whose pull began before the patch was available. */
 #define SWEEP_BEFORE_PATCH "before its patch"
 
-/* A case on a mesh, solved tightly. */
+/* A tightly converged solution of a case on a mesh. */
 typedef struct sweep_reference {
     bool there;
-    report_run run;  /* its data is freed */
-    double *last;    /* (fine nodes x 3) of its own mesh, at the end; only for the same resolution */
-    double largest;  /* over the frames [m] */
+    report_run run;  /* its data are freed */
+    double *last;    /* (fine nodes x 3) final positions of its own mesh; only for the same resolution */
+    double largest;  /* maximum displacement over the frames [m] */
 } sweep_reference;
 
-/* What runs are measured against, and what they have in common. */
+/* Reference solutions and other data that runs share. */
 typedef struct sweep_ground {
     const pliant_report_input *input;
     const pliant_sweep *sweep;
-    const char *folder;          /* Nullable without the deformed volume */
+    const char *folder;          /* Nullable if there is no deformed volume */
     pliant_report_tables *tables;
-    pliant_scene scene;          /* of the runs: with the ratio and the varied option */
-    pliant_scene reference;      /* whose fine mesh is the reference's */
-    pliant_geometry target;      /* of the deformed volume */
+    pliant_scene scene;          /* scene of the runs, with the ratio and the varied option */
+    pliant_scene reference;      /* scene whose fine mesh gives the reference */
+    pliant_geometry target;      /* grid of the deformed volume */
     report_case cases[MOST_CASES];
     const char *point_names[MOST_CASES];
     int num_cases;
-    int32_t count;               /* points */
-    double *rest;                /* (count x 3) */
-    pliant_model *fine;          /* the reference's */
-    size_t fine_peak;            /* bytes while it was built */
+    int32_t count;               /* number of points */
+    double *rest;                /* (count x 3) rest positions of the points */
+    pliant_model *fine;          /* model of the reference */
+    size_t fine_peak;            /* maximum memory during its build [bytes] */
     sweep_reference same[MOST_CASES], twice[MOST_CASES];
     pliant_points twice_points;
-    int32_t twice_tets;          /* 0: not solved */
+    int32_t twice_tets;          /* 0: not computed */
 } sweep_ground;
 
-/* One run to be told about. */
+/* A run to be written to the tables. */
 typedef struct sweep_told {
     const sweep_ground *ground;
     const pliant_model *model;
     const pliant_points *points;
-    int index;                   /* of the case */
+    int index;                   /* index of the case */
     const report_run *run;
-    bool voxels;                 /* per-voxel error too */
+    bool voxels;                 /* whether to compute per-voxel errors */
 } sweep_told;
 
-/* A sweep under way. */
+/* A running sweep. */
 typedef struct sweep_state {
     sweep_ground ground;
     pliant_progress progress;
     char setup[9];
     char variant[112];
     char doing[160];
-    int grounds; /* ratios and variants before this one */
+    int grounds; /* number of ratios and variants before this one */
     int done, total;
 } sweep_state;
 
-/* Whether runs of ground.scene are made before its patch is there, too. */
+/* Return whether ground.scene is also run without waiting for its patch. */
 bool sweep_runs_before_patch(const sweep_ground *ground, report_case_kind kind);
 
-/* Load cases of the sweep into the ground. */
+/* Store the load cases of the sweep in the ground. */
 void sweep_list_cases(sweep_ground *ground);
-/* Build the reference and solve it tightly for the cases that are missing: (cases). Free with sweep_free_ground, also after
- * a failure. */
+/* Build the reference, and compute tightly converged solutions of the missing cases: (cases). Free with
+ * sweep_free_ground, also after a failure. */
 pliant_status sweep_prepare(sweep_state *state, const uint8_t *missing);
 void sweep_free_ground(sweep_ground *ground);
-/* Build ground.scene with this method and run every case and budget of it that is not in the tables yet. What this model or
- * one of its runs cannot do goes to the tables. Errors: MEMORY, CANCELLED, FILE. */
+/* Build ground.scene with this method, and run every case and budget that is not in the tables yet. Failures of the
+ * model or a run are written to the tables. Errors: MEMORY, CANCELLED, FILE. */
 pliant_status sweep_run_model(sweep_state *state, int method, int touch);
 
-/* ---- sweep_kept.c: references in the folder, where there is one. What a reference is told from others by: */
+/* ---- sweep_kept.c: reference solutions stored in the folder. Identification of a reference: */
 typedef struct sweep_kept {
-    int index;             /* of the case */
-    int32_t nodes, points; /* of its mesh, and those that its positions are of */
+    int index;             /* index of the case */
+    int32_t nodes, points; /* nodes of its mesh, and number of points */
     double tolerance;
     bool with_last;
 } sweep_kept;
-/* out->there: it was. Errors: MEMORY */
+/* out->there: whether it was found. Errors: MEMORY. */
 pliant_status sweep_kept_read(const sweep_state *state, const sweep_kept *kept, sweep_reference *out);
-/* One that is too large for that is not kept. Errors: FILE */
+/* A reference that is too large is not stored. Errors: FILE. */
 pliant_status sweep_kept_write(const sweep_state *state, const sweep_kept *kept, const sweep_reference *reference);
 
-/* Rows of the frames, the voxels and the sweep, in that order: the last one says that the run is done.
+/* Write the rows of the frames, the voxels and the sweep, in this order; the last one marks the run as complete.
  * @param key row with the RUN_KEYS cells of the run; cells are added */
 pliant_status sweep_tell(const sweep_told *told, report_row *key);
-/* Histogram and slices; *summary over the voxels, all zero when there is no deformed volume. */
+/* Write the histogram and the slices. *summary: statistics over the voxels; zero without a deformed volume. */
 pliant_status sweep_tell_voxels(const sweep_told *told, report_row *key, pliant_error *summary);
-/* The row of a model that was built; message NULL: it was. @param key MODEL_KEYS cells */
+/* Write the row of a model.
+ * @param message NULL: the model was built; otherwise the error
+ * @param key MODEL_KEYS cells */
 pliant_status sweep_tell_build(const pliant_model *model, const char *message, size_t peak, report_row *key, pliant_results *builds);
 
 #ifdef __cplusplus

@@ -1,4 +1,5 @@
-/* References on disk, so that a sweep that goes on does not solve them again. A file that is not whole, or of something else, counts as none. */
+/* Store reference solutions on disk, so that a continued sweep does not compute them again. An incomplete or different
+ * file is ignored. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
@@ -9,12 +10,12 @@
 
 typedef struct kept_header {
     char magic[8], key[256];
-    int64_t positions, last; /* numbers that follow */
+    int64_t positions, last; /* number of following values */
     double force[3];
-    uint64_t hash; /* of them */
+    uint64_t hash; /* hash of the values */
 } kept_header;
 static const char magic[8] = "PLREF01";
-static const int64_t most_bytes = 64 << 20; /* larger ones are solved again */
+static const int64_t most_bytes = 64 << 20; /* larger references are recomputed */
 
 static uint64_t hash_of(uint64_t hash, const void *bytes, size_t size)
 {

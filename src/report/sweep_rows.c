@@ -1,4 +1,4 @@
-/* Rows of the tables from runs. */
+/* Convert runs to table rows. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "fem/system.h"
@@ -11,10 +11,10 @@
 
 static const double mm = 1e3, ms = 1e3, mb = 1e-6, percent = 100;
 
-/* Worst frames and the last one. */
+/* Maximum over the frames, and the last frame. */
 typedef struct worst_frames {
     pliant_error worst, last;
-    double own_max, own_rms, own_p95; /* of the frame's own largest displacement, worst frame */
+    double own_max, own_rms, own_p95; /* relative to the frame's maximum displacement, maximum over the frames */
 } worst_frames;
 
 static double ratio_of(double part, double whole) { return whole > 0 ? part / whole : NAN; }
@@ -74,7 +74,7 @@ static void median_and_p99(double *values, int32_t count, report_row *row)
     row_number(row, ms * report_quantile(values, count, 0.99));
 }
 
-/* Frames without and with the deformed volume, then every stage. */
+/* Append the frame times without and with the deformed volume, then the time of every stage. */
 static pliant_status add_times(const report_run *run, report_row *row)
 {
     int32_t frames = run->frames;

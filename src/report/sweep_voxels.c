@@ -30,7 +30,7 @@ static pliant_status tell_histogram(const sweep_told *told, const pliant_volume 
     return status;
 }
 
-/* "ratio_method_touch_..." of the key, for file names */
+/* Build "ratio_method_touch_..." from the key, for file names. */
 static void name_of(const report_row *key, char *out, size_t size)
 {
     size_t used = 0;
@@ -57,7 +57,7 @@ static pliant_status write_plane(const pliant_volume *volume, int axis, const do
     return status;
 }
 
-/* where the slices cut: the held point, or the middle of the body; inside the volume in any case */
+/* Choose the slice position: the grasped point, or the centre of the body, clamped to the volume. */
 static void cut_point(const sweep_told *told, const pliant_geometry *geometry, double out[3])
 {
     const double *last = told->run->positions + 3 * (size_t)(told->run->frames - 1) * (size_t)told->run->points;

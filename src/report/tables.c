@@ -1,4 +1,4 @@
-/* The tables of a report: their columns, their files, the JSON of all. */
+/* Tables of a report: columns, files, and JSON. */
 #define _POSIX_C_SOURCE 200809L
 #include "base/fail.h"
 #include "base/threads.h"
@@ -125,7 +125,7 @@ void pliant_report_close(pliant_report_tables *tables)
     }
 }
 
-/* ---- parts of a sweep */
+/* ---- shards of a sweep */
 
 static pliant_status copy_file(const char *from, const char *to, const char *name)
 {
@@ -176,7 +176,7 @@ pliant_status pliant_report_merge(const char *from, const char *folder, const pl
 
 /* ---- JSON */
 
-/* the value after "name :" in a file of /proc; "" when there is none */
+/* Read the value after "name :" in a file of /proc; "" if it is missing. */
 static void read_field(const char *path, const char *name, char *out, size_t size)
 {
     char line[256];
@@ -229,7 +229,7 @@ pliant_status pliant_report_json(const char *folder, const char *setup, const pl
     pliant_status status = PLIANT_OK;
     for (int t = 0; status == PLIANT_OK && t < NUM_TABLES; t++) {
         fprintf(file, ",\n\"%s\": ", kinds[t].name);
-        /* stability and validation may be of other bodies than the scan's: their rows say which */
+        /* stability and validation may concern other bodies than the scan; their rows contain the setup */
         status = pliant_results_json(*list[t], *list[t] == tables->stability || *list[t] == tables->validation ? NULL : setup, file);
     }
     fputs("}\n", file);

@@ -1,4 +1,5 @@
-/* What a mesh is off by from tissue that is not cut into elements, beside what the solver is off by on that mesh. */
+/* Estimate the discretization error of a mesh relative to the continuum, in addition to the solver's error on the
+ * mesh. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "report/sweep.h"
@@ -9,18 +10,18 @@
 #include <string.h>
 
 enum { LEVELS = 3, RAMP = 4 /* frames in which the load grows */ };
-static const double theory = 2; /* order of displacements, linear elements where the solution is smooth */
+static const double theory = 2; /* order of displacements for linear elements and smooth solutions */
 
-/* Three meshes of one scene, each of twice the resolution of the one before. */
+/* Three meshes of one scene, each with twice the resolution of the previous one. */
 typedef struct ladder {
     pliant_model *model[LEVELS];
     pliant_points points[LEVELS];
-    double *at[LEVELS];          /* (count x 3) where the points are */
-    double scale[LEVELS];        /* resolution over the scene's */
-    int own;                     /* which is the scene's own */
+    double *at[LEVELS];          /* (count x 3) positions of the points */
+    double scale[LEVELS];        /* resolution relative to the scene's */
+    int own;                     /* index of the scene's own mesh */
     int32_t count;
-    double *rest;                /* (count x 3) nodes of the scene's own mesh that hold tissue */
-    uint8_t *use;                /* (count) every mesh holds the point */
+    double *rest;                /* (count x 3) nodes of the scene's own mesh with tissue */
+    uint8_t *use;                /* (count) whether every mesh contains the point */
 } ladder;
 
 static double mean_square(int32_t count, const uint8_t *use, const double *a, const double *b)
@@ -31,8 +32,9 @@ static double mean_square(int32_t count, const uint8_t *use, const double *a, co
     return sum;
 }
 
-/* u - u_h falls by 2^-p from mesh to mesh. The order seen in the last two differences is below that of the theory as long as meshes are coarse
- * for what they show, and rises towards it: what is still to come is summed with the mean of the two orders. */
+/* Extrapolate to infinite resolution: u - u_h decreases by 2^-p from mesh to mesh. The observed order of the last two
+ * differences is below the theoretical one on coarse meshes and approaches it. The remainder of the series is summed
+ * with the mean of both orders. */
 double pliant_extrapolate(int32_t count, const uint8_t *use, const double *coarse, const double *middle, const double *fine, double *out)
 {
     const double least = 0.2, most = 2 * theory;
@@ -54,11 +56,11 @@ static void ladder_free(ladder *all)
     pliant_free(all->use);
 }
 
-/* The scene's fine mesh at a resolution; false: cells are not whole, or too many. */
+/* Scale the scene's fine mesh; false: the number of cells is not whole, or too large. */
 static bool scaled(const pliant_scene *scene, double scale, pliant_scene *out)
 {
     *out = *scene;
-    out->element.kind = pliant_scene_element_kind(scene, NULL); /* of the method that was asked for */
+    out->element.kind = pliant_scene_element_kind(scene, NULL); /* elements of the requested method */
     for (int d = 0; d < 3; d++) {
         const double cells = scene->mesh.coarse_cells[d] * scene->mesh.ratio * scale;
         if (cells < 1 || cells != floor(cells)) return false;
@@ -78,7 +80,7 @@ static pliant_status build(const pliant_report_input *input, const pliant_scene 
     return pliant_model_build(scene, input->scan, input->labels, input->materials, progress, out);
 }
 
-/* Where its own mesh stands among the three: the finest that there are tetrahedra for. */
+/* Choose the position of the scene's own mesh among the three: as fine as the limit of tetrahedra permits. */
 static pliant_status choose_levels(const pliant_report_input *input, double limit, int32_t tets, ladder *all)
 {
     pliant_scene trial;
@@ -121,7 +123,7 @@ static pliant_status ladder_create(const pliant_report_input *input, const plian
     return status;
 }
 
-/* @param force Nullable: of the tool, at the end */
+/* @param force Nullable: output; force on the tool at the end */
 static pliant_status solve(const pliant_model *model, const report_case *load, report_limits limits, const pliant_points *points, double *at, double *force)
 {
     report_run run;
@@ -195,7 +197,7 @@ pliant_status pliant_truth_run(const pliant_report_input *input, const pliant_sw
         pliant_truth truth = {.order = 0};
         const report_limits tight = {.tolerance = sweep->reference_tolerance, .tight = true, .progress = progress};
         const report_limits own = {.iterations = input->scene->solver.iterations, .tolerance = input->scene->solver.tolerance, .progress = progress};
-        for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own first: it says how large forces are */
+        for (int n = 0; status >= 0 && n < LEVELS; n++) { /* its own mesh first, which determines the forces */
             const int l = n == 0 ? all.own : n <= all.own ? n - 1 : n;
             const bool measures = l == all.own && load.kind == CASE_displacement && c + 1 < ground->num_cases;
             status = solve(all.model[l], &load, tight, &all.points[l], all.at[l], measures ? ground->cases[c + 1].force : NULL);

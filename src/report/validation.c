@@ -1,4 +1,4 @@
-/* Measured bodies: fitted on one state, predicted in the others, and how far markers are from where they were measured. */
+/* Validate with measured bodies: fit on one state, predict the others, and compare marker positions. */
 #define _POSIX_C_SOURCE 200809L
 #include "report/validation.h"
 
@@ -13,14 +13,15 @@
 
 enum { MANY = 200 /* markers that a smooth field can be told from */, DEGREE = 4, RIGID = 6 };
 
-/* What is left of values when they are fitted by columns: by Gram and Schmidt, column by column.
- * @param columns (terms x rows), overwritten; @param values (rows) */
+/* Remove the least-squares fit by columns from the values, with Gram-Schmidt orthogonalization.
+ * @param columns (terms x rows), overwritten
+ * @param values (rows) */
 static void take_out(int32_t rows, int32_t terms, double *columns, double *values)
 {
     for (int32_t t = 0; t < terms; t++) {
         double *column = columns + (size_t)t * (size_t)rows, square = 0, before = 0;
         for (int32_t r = 0; r < rows; r++) before += column[r] * column[r];
-        for (int pass = 0; pass < 2; pass++) /* twice: to rounding */
+        for (int pass = 0; pass < 2; pass++) /* twice, for accuracy up to rounding */
             for (int32_t u = 0; u < t; u++) {
                 const double *other = columns + (size_t)u * (size_t)rows;
                 double along = 0;
@@ -28,14 +29,15 @@ static void take_out(int32_t rows, int32_t terms, double *columns, double *value
                 for (int32_t r = 0; r < rows; r++) column[r] -= along * other[r];
             }
         for (int32_t r = 0; r < rows; r++) square += column[r] * column[r];
-        const double scale = square > 1e-20 * before ? 1 / sqrt(square) : 0; /* a column that says nothing new */
+        const double scale = square > 1e-20 * before ? 1 / sqrt(square) : 0; /* linearly dependent column */
         double along = 0;
         for (int32_t r = 0; r < rows; r++) along += (column[r] *= scale) * values[r];
         for (int32_t r = 0; r < rows; r++) values[r] -= along * column[r];
     }
 }
 
-/* Small shifts and turns out of displacements, of markers of one state. @param values (count x 3) */
+/* Remove small rigid motions from the displacements of one state.
+ * @param values (count x 3) */
 static pliant_status take_out_rigid(int32_t count, const pliant_marker *const *markers, double *values)
 {
     double *columns = pliant_calloc((size_t)count, 3 * RIGID * sizeof *columns);
@@ -43,7 +45,7 @@ static pliant_status take_out_rigid(int32_t count, const pliant_marker *const *m
     for (int32_t m = 0; m < count; m++)
         for (int d = 0; d < 3; d++) {
             columns[(size_t)d * 3 * (size_t)count + 3 * (size_t)m + (size_t)d] = 1;
-            double *turn = columns + (size_t)(3 + d) * 3 * (size_t)count + 3 * (size_t)m; /* about axis d */
+            double *turn = columns + (size_t)(3 + d) * 3 * (size_t)count + 3 * (size_t)m; /* rotation about axis d */
             turn[(d + 1) % 3] = -markers[m]->rest[(d + 2) % 3];
             turn[(d + 2) % 3] = markers[m]->rest[(d + 1) % 3];
         }
@@ -59,7 +61,7 @@ static double root_mean_square(int32_t count, const double *values)
     return sqrt(sum / count);
 }
 
-/* Markers of one state, in their order. */
+/* List the markers of one state, in their order. */
 static int32_t markers_of(const measured_body *body, int32_t state, const pliant_marker **out)
 {
     int32_t count = 0;
@@ -68,9 +70,10 @@ static int32_t markers_of(const measured_body *body, int32_t state, const pliant
     return count;
 }
 
-/* ---- what a measurement is good for */
+/* ---- accuracy of the measurement */
 
-/* Root mean square distance from the mean of the recordings, marker by marker; not a number where there is but one. */
+/* Return the root mean square distance from the mean of the recordings, marker by marker; NAN for a single
+ * recording. */
 static double spread_of_recordings(const measured_body *body, int32_t count, const pliant_marker *const *markers)
 {
     double sum = 0;
@@ -79,7 +82,7 @@ static double spread_of_recordings(const measured_body *body, int32_t count, con
     double *mean = pliant_calloc((size_t)count, 3 * sizeof *mean);
     for (int32_t s = 0; other && mean && s < body->num_states; s++) {
         if (markers_of(body, s, other) != count) continue;
-        bool same = true; /* places at rest tell markers apart: they are the same ones to a centimetre */
+        bool same = true; /* markers are identified by their rest positions, to within a centimetre */
         for (int32_t m = 0; m < count; m++)
             for (int d = 0; d < 3; d++) same = same && fabs(other[m]->rest[d] - markers[m]->rest[d]) < 0.01;
         if (!same) continue;
@@ -95,7 +98,8 @@ static double spread_of_recordings(const measured_body *body, int32_t count, con
     return spread;
 }
 
-/* Root mean square distance from polynomials of the place: what beads do for themselves, a body does not. */
+/* Return the root mean square distance from a polynomial field. It measures the error of single beads, because the
+ * deformation of a body is smooth. */
 static double spread_of_field(int32_t count, const pliant_marker *const *markers)
 {
     double low[3], high[3], sum = 0;
@@ -126,7 +130,7 @@ static double spread_of_field(int32_t count, const pliant_marker *const *markers
     return spread;
 }
 
-/* ---- a state, simulated */
+/* ---- simulation of a state */
 
 typedef struct state_error {
     int32_t count;
@@ -174,7 +178,7 @@ static pliant_status build(const measured_body *body, pliant_model **out)
     return pliant_model_build(&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials, (pliant_progress){NULL, NULL}, out);
 }
 
-/* ---- what is fitted */
+/* ---- fitting */
 
 static pliant_status fit_moduli(measured_body *body, int32_t count, const char *const *names, pliant_progress progress, char text[256])
 {
@@ -219,7 +223,8 @@ static pliant_status with_poisson(measured_body *body, double poisson, double *e
     return status;
 }
 
-/* Of the first material: the least root mean square distance, by golden section of log(1/2 - nu), since what is nearly incompressible differs there. */
+/* Fit Poisson's ratio of the first material: minimize the root mean square distance by golden-section search in log(1/2
+ * - nu), which resolves nearly incompressible materials. */
 static pliant_status fit_poisson(measured_body *body, pliant_progress progress, char text[256])
 {
     const double golden = 0.5 * (sqrt(5) - 1), least = log(0.0005), most = log(0.2);
@@ -262,7 +267,7 @@ static void tell(const measured_body *body, int32_t state, const char *fitted, c
     row_number(row, seconds);
 }
 
-/* What rows of the same key follow from: a table that has changed is another measurement. */
+/* Hash the inputs of rows with the same key, because a changed table is a different measurement. */
 static void setup_of(const measured_body *body, int32_t count, const char *const *names, char out[9])
 {
     const pliant_report_input input = {&body->scene, &body->scan, body->labels.voxels ? &body->labels : NULL, &body->materials};

@@ -1,4 +1,4 @@
-/* Measured bodies from the files in a folder. */
+/* Read measured bodies from the files in a folder. */
 #define _POSIX_C_SOURCE 200809L
 #include "report/validation.h"
 
@@ -30,11 +30,11 @@ void measured_body_free(measured_body *body)
     *body = (measured_body){.num_states = 0};
 }
 
-/* ---- a box of silicone, and a plate on it */
+/* ---- a silicone block with a plate on it */
 
 typedef struct silicone {
     double box[3], young, poisson, density;
-    int cells[3], plate; /* cells along each axis; the last `plate` along z are stiff */
+    int cells[3], plate; /* number of cells along each axis; the last `plate` layers along z are stiff */
 } silicone;
 
 static void name_material(pliant_material *material, int index, const char *name, double young, double poisson, double density)
@@ -50,7 +50,7 @@ static void name_material(pliant_material *material, int index, const char *name
     material->range[1] = index + 0.5;
 }
 
-/* Two voxels a cell along each axis. */
+/* Create the body with two voxels per cell along each axis. */
 static pliant_status make_silicone(const silicone *what, measured_body *out)
 {
     const double stiffer = 1e4;
@@ -65,7 +65,7 @@ static pliant_status make_silicone(const silicone *what, measured_body *out)
     for (int d = 0; d < 3; d++) out->scene.mesh.coarse_cells[d] = what->cells[d];
     out->scene.mesh.ratio = 1;
     out->scene.model.method = PLIANT_FINE;
-    out->scene.element.kind = PLIANT_HEXAHEDRA; /* tetrahedra of this size ask for a modulus that is a third too low */
+    out->scene.element.kind = PLIANT_HEXAHEDRA; /* tetrahedra of this size would require a modulus one third too low */
     out->scene.solver.backend = PLIANT_CPU;
     pliant_status status = pliant_volume_create(&geometry, PLIANT_UINT8, &out->scan);
     if (status < 0) return status;
@@ -93,7 +93,7 @@ static pliant_status add_marker(measured_body *body, int32_t *room, const pliant
     return PLIANT_OK;
 }
 
-/* Whether a word stands in a text, in small letters or capitals. */
+/* Return whether a text contains a word, ignoring case. */
 static bool has(const char *text, const char *word)
 {
     for (const size_t length = strlen(word); *text; text++)
@@ -101,18 +101,18 @@ static bool has(const char *text, const char *word)
     return false;
 }
 
-/* ---- the beam that is released under its own weight */
+/* ---- a beam released under its own weight */
 
-static const double beam_size[3] = {0.1, 0.03, 0.03}; /* the frame's x is -0.1 at the clamp, 0 at the tip */
+static const double beam_size[3] = {0.1, 0.03, 0.03}; /* the frame's x is -0.1 at the clamp and 0 at the tip */
 
 typedef struct beam_line {
     char recording[48], marker[32];
     bool end;
     int line;
-    double at[3]; /* in the frame of the box, whose corner is at zero [m] */
+    double at[3]; /* relative to the corner of the block [m] */
 } beam_line;
 
-/* Lines of markers on the silicone. FORMAT: a column is missing, or not a number. */
+/* Read the lines of markers on the silicone. Errors: FORMAT: a column is missing or not a number. */
 static pliant_status read_beam_lines(const char *path, int32_t *count, beam_line **out)
 {
     enum { RECORDING, MARKER, STATE, PLACE, WANTED = PLACE + 3 };
@@ -219,9 +219,9 @@ static pliant_status read_beam(const char *path, measured_body *out)
     return status;
 }
 
-/* ---- the cube between plates */
+/* ---- a cube between plates */
 
-/* A plate comes down by `shortened`, in a second, held at points all over it: it stays flat. */
+/* Lower a plate by `shortened` within a second. It is held at many points, so it stays flat. */
 static pliant_status press(double edge, double plate, double shortened, pliant_path *out)
 {
     enum { ACROSS = 2 };
@@ -242,7 +242,7 @@ static pliant_status press(double edge, double plate, double shortened, pliant_p
     return PLIANT_OK;
 }
 
-/* The columns that a line of the header names: 'no strain' (-1: it names none), and as 'N% strain' where each compression begins. */
+/* Find the columns in the header: 'no strain' (-1: missing), and 'N% strain' where each compression begins. */
 static int cube_columns(int count, char *const cells[], double strain[MOST_STATES], int column[MOST_STATES], int *rest)
 {
     int states = 0;
@@ -266,7 +266,7 @@ static bool three_numbers(int count, char *const cells[], int first, double out[
     return good;
 }
 
-/* A bead of each line that has a place at rest; it counts in the states where it was found. */
+/* Read a bead from each line with a rest position; it counts in the states in which it was found. */
 static pliant_status read_beads(FILE *file, const char *path, double edge, measured_body *out, double strain[MOST_STATES], double centre[3])
 {
     enum { FEWEST = 4 /* they move and turn as one as well: more numbers than six are wanted */ };
@@ -326,7 +326,7 @@ static pliant_status read_cube(const char *path, measured_body *out)
     pliant_status status = make_silicone(&cube, out);
     out->scene.fixed.planes[out->scene.fixed.num_planes++] = (pliant_fixed_plane){{0, 0, 1e-6}, {0, 0, 1}};
     out->fits_poisson = out->free_motion = out->loaded = true;
-    out->scene.solver.kind = PLIANT_TLED; /* a law for large strains */
+    out->scene.solver.kind = PLIANT_TLED; /* a material law for large strains */
     out->scene.tled.quasi_static = true;
     if (status < 0) return status;
     FILE *file = fopen(path, "r");
@@ -342,9 +342,9 @@ static pliant_status read_cube(const char *path, measured_body *out)
     return status;
 }
 
-/* ---- a scene of the user's */
+/* ---- the user's scene */
 
-/* Bytes of a file into what tells the measurement from others. */
+/* Add a file's bytes to the hash of the measurement. */
 static pliant_status hash_file(const char *path, uint64_t *hash)
 {
     char bytes[4096];
@@ -384,9 +384,9 @@ static pliant_status read_scene_folder(const char *folder, const char *scan, mea
     return status;
 }
 
-/* ---- what there is */
+/* ---- finding measurements */
 
-/* A table of the beam, of the cube, or neither (false): by its name, or of another name by its first lines. */
+/* Return whether a file is the table of the beam or the cube, by its name or by its first lines. */
 static bool is_table(const char *name, const char *path, measured_source *out)
 {
     const size_t length = strlen(name);
@@ -407,7 +407,7 @@ static bool is_table(const char *name, const char *path, measured_source *out)
     return found;
 }
 
-/* deeper: also in its folders, of which one that cannot be read is passed over */
+/* deeper: also search subfolders, skipping unreadable ones */
 static pliant_status look_in(const char *folder, bool deeper, int32_t *count, measured_source **out)
 {
     const int32_t before = *count;
@@ -475,7 +475,7 @@ pliant_status measured_body_read(const measured_source *source, measured_body *o
         measured_body_free(&body);
         return status;
     }
-    if (source->kind != MEASURED_SCENE && !usual) { /* told apart from others of its kind */
+    if (source->kind != MEASURED_SCENE && !usual) { /* distinguish it from others of its kind */
         const size_t used = strlen(body.name);
         snprintf(body.name + used, sizeof body.name - used, ", %.*s", (int)(strlen(name) - 4), name);
     }

@@ -1,4 +1,4 @@
-/* Error in the warped image, voxel by voxel (figure 2 of [H]). */
+/* Compute the error in the warped image voxel by voxel ([H] figure 2). */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "state/data.h"
@@ -10,7 +10,7 @@
 
 typedef struct voxel_job {
     const pliant_model *model;
-    const double *positions; /* of the shown mesh */
+    const double *positions; /* positions of the displayed mesh */
     const pliant_mesh *reference_mesh;
     const double *reference;
     const pliant_geometry *target;
@@ -18,7 +18,7 @@ typedef struct voxel_job {
     uint8_t *drawn; /* (voxels) */
 } voxel_job;
 
-/* is the scan's voxel nearest to a rest point tissue? */
+/* Return whether the scan's voxel nearest to a rest point is tissue. */
 static bool is_tissue(const pliant_model *model, const double rest[3])
 {
     const pliant_geometry *scan = &model->scan->geometry;
@@ -30,7 +30,7 @@ static bool is_tissue(const pliant_model *model, const double rest[3])
     return !model->materials.materials[model->material_of_voxel[voxel]].empty;
 }
 
-/* where the reference places a rest point; false: it holds no tissue there */
+/* Find the position of a rest point in the reference; false: no tissue there. */
 static bool reference_place(const voxel_job *job, const double rest[3], double out[3])
 {
     double weight[4];
@@ -43,7 +43,8 @@ static bool reference_place(const voxel_job *job, const double rest[3], double o
     return true;
 }
 
-/* distance between where the two place the tissue at barycentric coordinates of a tetrahedron; negative: no tissue */
+/* Return the distance between the two positions of the tissue at barycentric coordinates of a tetrahedron; negative: no
+ * tissue. */
 static float distance(const voxel_job *job, const int32_t nodes[4], const double weight[4])
 {
     double here[3] = {0, 0, 0}, rest[3] = {0, 0, 0}, there[3], apart = 0;
@@ -57,7 +58,7 @@ static float distance(const voxel_job *job, const int32_t nodes[4], const double
     return (float)sqrt(apart);
 }
 
-/* one tetrahedron's voxels in the slices k0 <= k < k1 */
+/* Draw the voxels of one tetrahedron in the slices k0 <= k < k1. */
 static void draw(const voxel_job *job, int32_t tet, int32_t k0, int32_t k1)
 {
     const pliant_mesh *mesh = &job->model->body->fine;
@@ -79,7 +80,7 @@ static void draw(const voxel_job *job, int32_t tet, int32_t k0, int32_t k1)
     double volume = pliant_tet_gradients(corner[0], corner[1], corner[2], corner[3], gradients);
     double world_volume = pliant_tet_gradients(job->positions + 3 * nodes[0], job->positions + 3 * nodes[1], job->positions + 3 * nodes[2],
                                                job->positions + 3 * nodes[3], (double[12]){0});
-    if (volume == 0 || !(world_volume > 0)) return; /* flat or inverted: draws nothing, as in the warp */
+    if (volume == 0 || !(world_volume > 0)) return; /* a flat or inverted tetrahedron draws nothing, as in the warp */
     for (int32_t k = first[2]; k <= last[2]; k++)
         for (int32_t j = first[1]; j <= last[1]; j++)
             for (int32_t i = first[0]; i <= last[0]; i++) {
@@ -112,7 +113,7 @@ pliant_status pliant_error_voxels(const pliant_model *model, const double *posit
     size_t size = pliant_geometry_voxels(target);
     for (size_t v = 0; v < size; v++) voxels[v] = -1;
     voxel_job job = {model, positions, reference_mesh, reference, target, voxels, drawn};
-    /* slabs, so that the lowest tetrahedron wins however many threads there are */
+    /* the lowest tetrahedron wins in each slab, independently of the number of threads */
     enum { SLAB = 8 };
     const int threads = pliant_threads_of(model->scene.solver.threads);
     int32_t slabs = (target->size[2] + SLAB - 1) / SLAB;
