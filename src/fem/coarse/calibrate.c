@@ -7,7 +7,7 @@
 
 enum { MODES = 18, UNKNOWNS = 24, MOST = MODES };
 
-/* out (rows x columns) = a (rows x inner) b (inner x columns) */
+/* Compute out (rows x columns) = a (rows x inner) b (inner x columns). */
 static void multiply(int rows, int inner, int columns, const double *a, const double *b, double *out)
 {
     for (int i = 0; i < rows; i++)
@@ -18,7 +18,7 @@ static void multiply(int rows, int inner, int columns, const double *a, const do
         }
 }
 
-/* strain of corner displacements: xx yy zz, and sqrt(2) times yz xz xy */
+/* Fill the strain matrix of corner displacements: xx yy zz, and sqrt(2) times yz xz xy. */
 static void strain_matrix(const double gradients[12], double b[72])
 {
     const double half = sqrt(0.5);
@@ -32,7 +32,7 @@ static void strain_matrix(const double gradients[12], double b[72])
         }
 }
 
-/* B+' = (B B')^-1 B, 6 x 12 */
+/* Compute B+' = (B B')^-1 B, 6 x 12. */
 static bool pseudoinverse(const double b[72], double out[72])
 {
     double square[36];
@@ -47,7 +47,7 @@ static bool pseudoinverse(const double b[72], double out[72])
     return true;
 }
 
-/* C = B+' K B+ / V */
+/* Compute C = B+' K B+ / V. */
 static void material_of(const double plus[72], double volume, const double stiffness[144], double c[36])
 {
     double turned[72], half[72];
@@ -58,7 +58,7 @@ static void material_of(const double plus[72], double volume, const double stiff
     for (int m = 0; m < 36; m++) c[m] /= volume;
 }
 
-/* the power of a symmetric positive definite n x n; false: it is not */
+/* Compute a power of a symmetric positive definite n x n matrix. Return false if it is not positive definite. */
 static bool power_of(int n, const double *matrix, double exponent, double *out)
 {
     double work[MOST * MOST], values[MOST], vectors[MOST * MOST], most = 0;
@@ -83,7 +83,7 @@ static void sandwich(int n, const double *outer, const double *inner, double *ou
     multiply(n, n, n, half, outer, out);
 }
 
-/* S C S, (n x n), S C_h S = C_true; out may be c. False: they are not positive definite. */
+/* Compute S C S, (n x n), with S C_h S = C_true. `out` may be c. Return false if a matrix is not positive definite. */
 static bool correct(int n, const double *c, const double *c_h, const double *c_true, double *out)
 {
     double root[MOST * MOST], inverse_root[MOST * MOST], mean[MOST * MOST], s[MOST * MOST];

@@ -1,4 +1,4 @@
-/* Condensing a submesh on some of its nodes, [H] 1 to 7: corners of a coarse tetrahedron, or of a coarse cube. */
+/* Condensation of a submesh on some of its nodes, [H] 1 to 7: the corners of a coarse tetrahedron or cube. */
 #include "fem/coarse/submesh.h"
 #include "base/dense.h"
 
@@ -51,7 +51,7 @@ pliant_tet_material pliant_submesh_reference(const pliant_submesh *submesh)
     double total = 0, nu = 0;
     for (int32_t t = 0; t < submesh->num_tets; t++) {
         const pliant_tet_material *material = submesh->material + submesh->tets[t];
-        double weight = material->tissue + 1e-3; /* tetrahedra of a submesh hardly differ in volume; air as in NUMERICS.md */
+        double weight = material->tissue + 1e-3; /* a submesh's tetrahedra have similar volumes; air: see NUMERICS.md */
         total += weight;
         nu += weight * material->lambda / (2 * (material->lambda + material->mu));
     }

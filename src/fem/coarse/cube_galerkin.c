@@ -1,4 +1,4 @@
-/* P'KP of the fine elements in a coarse cube, and keeping the root of a stiffness. */
+/* P'KP of the fine elements in a coarse cube, and storage of a stiffness as its root. */
 #include "fem/coarse/cubes.h"
 
 #include "base/fail.h"
@@ -8,7 +8,7 @@
 
 enum { UNKNOWNS = 24, CORNERS = 8 };
 
-/* one fine element's part of P'KP without the changes of volume, and of their mean */
+/* Add one fine element's part of P'KP without changes of volume, and of the mean change of volume. */
 static void add_galerkin(const double *k, int n, const int32_t *local_of, const double *mean, double volume, const double *weights, double *out, double *change)
 {
     double half[UNKNOWNS * UNKNOWNS] = {0};

@@ -49,7 +49,7 @@ static void mode_at(int mode, const double y[3], const double size[3], double ta
     }
 }
 
-/* weight * B' tau of an element with n corners at a point y: gradients in world axes */
+/* Add weight * B' tau of an element with n corners at a point y. gradient: in world axes. */
 static void add_loads(const pliant_mesh *coarse, const double y[3], double weight, int n, double gradient[][3], const int32_t *local_of, double *phi)
 {
     const double *direction = coarse->direction;
@@ -124,10 +124,10 @@ static void all_loads(const pliant_submesh *submesh, const pliant_cube_room *roo
 
 /* ---- stiffness */
 
-/* root of g' h^-1 g where h is well conditioned: L^-1 g with h = L L' */
+/* Compute the root of g' h^-1 g for a well-conditioned h: L^-1 g with h = L L'. */
 static bool root_by_factor(const double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
 {
-    const double least = 1e-6; /* square of a pivot over the largest diagonal */
+    const double least = 1e-6; /* squared pivot divided by the largest diagonal entry */
     double l[MODES * MODES], most = 0;
     memcpy(l, h, sizeof l);
     for (int m = 0; m < MODES; m++) most = fmax(most, h[(MODES + 1) * m]);
@@ -270,7 +270,7 @@ static pliant_status make_element(pliant_cube_work *work, pliant_submesh *submes
     pliant_macros *macros = work->system->macros;
     const int32_t *list = lists->tets + lists->start[element], count = lists->start[element + 1] - lists->start[element];
     const bool whole = macros->start[element + 1] - macros->start[element] == CORNERS;
-    if (count == 0) return PLIANT_OK; /* of a divided cube, without tissue */
+    if (count == 0) return PLIANT_OK; /* a divided cube without tissue */
     submesh->cubes = whole ? work->cubes : NULL;
     submesh->cube_of_tet = work->cube_of_tet;
     submesh->shapes = work->shapes;
@@ -325,8 +325,8 @@ static void find_grounded(const pliant_cube_work *work, const uint8_t *coarse_fi
     for (int32_t t = 0; t < system->mesh->num_tets; t++) system->grounded[t] = macros->grounded[work->element_of_tet[t]];
 }
 
-/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part
- * of the mean stiffness. */
+/* Add a fraction of the mean stiffness to the corners of grounded elements. Corners that move no free fine node would
+ * otherwise have no stiffness. */
 static pliant_status ground(pliant_macros *macros)
 {
     const double part = 1e-4;
@@ -387,7 +387,7 @@ static pliant_status find_fine_cubes(pliant_cube_work *work)
     return PLIANT_OK;
 }
 
-/* coarse elements without stiffness, and which of them everything belongs to */
+/* Create the coarse elements without stiffness, and map coarse and fine tetrahedra to them. */
 static pliant_status find_elements(pliant_cube_work *work, const int32_t *coarse_of_fine)
 {
     pliant_system *system = work->system;

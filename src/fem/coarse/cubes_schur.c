@@ -1,5 +1,5 @@
-/* [H] 1 to 7 on eight corners: the fine elements of a coarse cube are condensed on its corners, and fine nodes follow
- * the shape functions of all coarse elements whose submesh holds them. */
+/* [H] 1 to 7 on eight corners: the fine elements of a coarse cube are condensed on its corners. Fine nodes follow the
+ * shape functions of all coarse elements whose submesh contains them. */
 #include "fem/coarse/cubes.h"
 
 #include "base/fail.h"

@@ -42,7 +42,7 @@ static pliant_status make_tet(const pliant_system *system, int32_t tet, pliant_m
     return pliant_macros_keep(macros, tet, 12, k);
 }
 
-/* Coarse tetrahedra as macro-elements; load: the body that they are of. */
+/* Convert coarse tetrahedra to macro-elements. load: their body. */
 static pliant_status make_tets(const pliant_system *system, const pliant_body *load, pliant_macros **out)
 {
     const size_t count = (size_t)system->mesh->num_tets;
@@ -50,7 +50,8 @@ static pliant_status make_tets(const pliant_system *system, const pliant_body *l
     pliant_macros *macros = *out = pliant_calloc(1, sizeof *macros);
     pliant_status status = macros ? pliant_macros_allocate(macros, count, 4 * count) : no_memory();
     for (int32_t t = 0; status == PLIANT_OK && t < system->mesh->num_tets; t++) status = make_tet(system, t, macros);
-    for (int32_t t = 0; status == PLIANT_OK && t < load->fine.num_tets; t++) /* what each weighs in the axes of its nodes */
+    /* Weight of each element in the axes of its nodes. */
+    for (int32_t t = 0; status == PLIANT_OK && t < load->fine.num_tets; t++)
         macros->shear[load->coarse_of_fine[t]] += size[0] * size[1] * size[2] / (load->fine.lattice_of_tet[t] % 5 == 0 ? 3 : 6) * load->fine_material[t].mu;
     return status;
 }
@@ -88,7 +89,7 @@ static pliant_status find_base(grading *work)
 
 /* ---- which cubes */
 
-/* Cells of a lattice, each in the list once it is marked. */
+/* Cells of a lattice; each is listed when it is marked for the first time. */
 typedef struct cell_list {
     int32_t cells[3], count, *cell;
     uint8_t *marked;

@@ -22,7 +22,8 @@ pliant_status pliant_solved_sources(const pliant_system *system, const pliant_sy
     return PLIANT_OK;
 }
 
-/* (coarse nodes) the fine node that follows each most, in a body at load: -1: none. best: zeroed */
+/* Find the fine node that follows each coarse node with the largest weight, in a body at load time; -1: none. nearest:
+ * (coarse nodes); best: zeroed. */
 static void find_nearest(const pliant_system *system, int32_t *nearest, double *best)
 {
     const pliant_upsample *upsample = system->upsample;

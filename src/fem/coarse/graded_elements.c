@@ -10,7 +10,7 @@
 
 enum { CORNERS = GRADED_CORNERS };
 
-/* of fine elements of the system before, and what hexahedra have in common */
+/* Fine elements of the earlier system, and data shared by hexahedra. */
 typedef struct fine_elements {
     grading *work;
     /* (fine tetrahedra in refined cubes) 1 + earlier element that contained the tetrahedron as its first one; 0:
@@ -77,7 +77,7 @@ static void add_base_others(const grading *work)
     }
 }
 
-/* Two threads at most: each copies about as much. Roots are lent. */
+/* Copy the coarse elements with at most two threads, since both halves copy a similar amount. Roots are borrowed. */
 static void add_base(grading *work)
 {
     pliant_macros *macros = work->system->macros;
@@ -96,7 +96,7 @@ static void add_base(grading *work)
     work->graded->num_base = macros->num_lent = macros->count = count;
 }
 
-/* ---- of the fine mesh */
+/* ---- Elements of the fine mesh. */
 
 static bool is_held(const grading *work, int32_t node)
 {
@@ -161,7 +161,7 @@ static pliant_status lead(const grading *work, const int32_t *node, int n, int32
     return PLIANT_OK;
 }
 
-/* an element all of whose nodes are fixed says nothing */
+/* Return whether all nodes are fixed. Such an element is left out. */
 static bool is_fixed(const grading *work, const int32_t *node, int n)
 {
     for (int v = 0; v < n; v++)
@@ -227,7 +227,7 @@ static void take_run(grading *work, int32_t was, int32_t *from, int32_t *to)
 
 static bool stays_whole(const grading *work, const pliant_cube *cube)
 {
-    if (!work->before || cube->part) return false; /* of a part another fragment may have been at its tip */
+    if (!work->before || cube->part) return false; /* another fragment may have been at a part's tip */
     for (int slot = 0; slot < 5; slot++)
         if (!work->kept->fine[cube->tet[slot]]) return false;
     return true;

@@ -1,4 +1,4 @@
-/* How fine nodes follow in a graded system (graded.c). */
+/* Upsampling of a graded system (graded.c). */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/coarse/graded.h"
@@ -41,7 +41,7 @@ void pliant_graded_follow(const grading *work, int32_t node, followed *out)
     }
 }
 
-/* its number in the body that the base is of */
+/* Return the node's number in the base's body. */
 static size_t node_of_base(const grading *work, size_t node)
 {
     return node < (size_t)work->base->fine->num_nodes ? node : (size_t)work->body->node_parent[node];
@@ -85,7 +85,7 @@ static pliant_status follow_linearly(grading *work, pliant_upsample *upsample)
     return PLIANT_OK;
 }
 
-/* By the shape functions of the coarse elements that are left, and of points. */
+/* Follow the shape functions of the remaining coarse elements, and of points. */
 static pliant_status follow_shapes(grading *work, pliant_upsample *upsample)
 {
     const pliant_upsample *was = work->base->upsample;

@@ -27,7 +27,7 @@ typedef struct edge_work {
     /* (coarse cells) weight of the tissue in each cell, and the weight times the added compliance at an edge of
      * homogeneous tissue. */
     double *weight, *gain;
-    uint8_t *solid;        /* (coarse cells) has an element */
+    uint8_t *solid;        /* (coarse cells) nonzero: the cell has an element */
     double alike;
 } edge_work;
 
@@ -44,14 +44,14 @@ static void weigh(edge_work *work, const pliant_body *body)
         work->gain[cell] += weight * missed * material->lambda / (material->lambda + knee * material->mu);
         if (!(tissue > 0)) continue;
         whole += tissue;
-        mean += volume * material->mu; /* of the tissue in it: mu / material->tissue */
+        mean += volume * material->mu; /* of its tissue: mu / material->tissue */
         inverse += tissue * material->tissue / material->mu;
     }
     const double alike = whole > 0 ? whole * whole / (mean * inverse) : 0;
     work->alike = alike * alike;
 }
 
-/* whether no element lies beyond a face of a cell: across the axis d, on the side s */
+/* Return whether there is no element beyond a face of a cell: across axis d, on side s. */
 static bool is_open(const edge_work *work, int32_t cell, int d, int s)
 {
     const int32_t *cells = work->coarse->cells, stride[3] = {1, cells[0], cells[0] * cells[1]};

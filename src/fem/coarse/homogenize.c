@@ -23,7 +23,7 @@ static void symmetrize(double k[144])
         for (int j = 0; j < i; j++) k[12 * i + j] = k[12 * j + i] = 0.5 * (k[12 * i + j] + k[12 * j + i]);
 }
 
-/* Galerkin product with linear interpolation, fixed nodes held: (masked P)' K (masked P). NUMERICS.md */
+/* Compute the Galerkin product with linear interpolation and fixed nodes held: (masked P)' K (masked P). */
 static void galerkin_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
     int32_t size = 3 * submesh->num_nodes;
@@ -43,8 +43,10 @@ static void galerkin_stiffness(pliant_submesh *submesh, int32_t tet, double out[
         }
 }
 
-/* Weighted averages over the submesh: rows 0 to 8 the gradient (row 3 r + c: du_r/dx_c), 9 to 11 the displacement.
- * phi: (size x 12) their transpose on fine dofs; a: (12 x 12) the same of the coarse element's linear field. */
+/* Compute weighted averages over the submesh: rows 0 to 8 of the gradient (row 3 r + c: du_r/dx_c), rows 9 to 11 of the
+ * displacement.
+ * @param phi  Out: (size x 12) their transpose on the fine unknowns.
+ * @param a    Out: (12 x 12) the same for the coarse element's linear field. */
 static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi, double a[144])
 {
     const pliant_mesh *fine = submesh->fine, *coarse = submesh->coarse;
@@ -54,7 +56,8 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
         const int32_t *nodes = fine->tets + 4 * submesh->tets[t];
         double g[12];
         double volume = pliant_mesh_gradients(fine, submesh->tets[t], g);
-        /* weight: volume times body fraction, so that air next to tissue does not set the average (NUMERICS.md) */
+        /* Weight: volume times fraction of tissue. Otherwise air next to tissue would dominate the average
+         * (NUMERICS.md). */
         double weight = volume * (submesh->material[submesh->tets[t]].tissue + 1e-3);
         total += weight;
         for (int v = 0; v < 4; v++) {
@@ -82,7 +85,7 @@ static void average_rows(const pliant_submesh *submesh, int32_t tet, double *phi
     }
 }
 
-/* rigid modes about the first node, scaled to the size of the submesh: (size x 6) */
+/* Compute the rigid modes about the first node, scaled to the size of the submesh: (size x 6). */
 static void rigid_modes(const pliant_submesh *submesh, double *modes)
 {
     const double *rest = submesh->fine->rest, *origin = rest + 3 * submesh->node[0];
@@ -101,7 +104,7 @@ static void rigid_modes(const pliant_submesh *submesh, double *modes)
     }
 }
 
-/* the supports are not chosen: one at the edge of the submesh may be in air */
+/* Soft constraints on rigid modes replace six supports: a support at the edge of the submesh could be in air. */
 bool pliant_submesh_factor(pliant_submesh *submesh, double *modes)
 {
     rigid_modes(submesh, modes);
@@ -119,8 +122,8 @@ bool pliant_submesh_factor(pliant_submesh *submesh, double *modes)
     return pliant_dense_cholesky(size, submesh->square);
 }
 
-/* Minimize u' K u / 2 under Phi' u = A u_c, boundary free. With Z = K^+ Phi: [Phi'Z, Phi'R; R'Phi, 0] [mu; q] = [A; 0],
- * and K_c = A' mu. NUMERICS.md */
+/* Minimize u' K u / 2 under Phi' u = A u_c with a free boundary. With Z = K^+ Phi: [Phi'Z, Phi'R; R'Phi, 0] [mu; q] =
+ * [A; 0], and K_c = A' mu (NUMERICS.md). */
 static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
     int32_t size = 3 * submesh->num_nodes;
@@ -137,7 +140,7 @@ static bool averaged_stiffness(pliant_submesh *submesh, int32_t tet, double out[
             for (int n = 0; n < 12; n++) matrix[18 * m + n] += p * z[12 * i + n];
             for (int n = 0; n < 6; n++) matrix[18 * m + 12 + n] += p * modes[6 * i + n];
         }
-    /* the compliance rows are many orders smaller than the geometric ones: bring them to one scale */
+    /* The compliance rows are many orders of magnitude smaller than the geometric rows; scale them. */
     double scale = 0;
     for (int m = 0; m < 12; m++) scale = fmax(scale, matrix[19 * m]);
     for (int m = 0; m < 12; m++) {
@@ -174,8 +177,8 @@ static void find_corners(const pliant_submesh *submesh, int32_t tet, int32_t cor
     for (int v = 0; v < 4; v++) corner[v] = pliant_submesh_corner(submesh, submesh->coarse->tets[4 * tet + v]);
 }
 
-/* Fragments that a cut has left without a fine node at a corner cannot be condensed on it: their nodes follow the
- * corners linearly. */
+/* Return whether the submesh has a node at every corner. A fragment without one cannot be condensed, and its nodes
+ * follow the corners linearly. */
 static bool has_corners(const pliant_submesh *submesh, int32_t tet)
 {
     int32_t corner[4];
@@ -210,12 +213,12 @@ pliant_status pliant_schur_tet(pliant_submesh *submesh, int32_t tet, double out[
         return PLIANT_OK;
     }
     if (schur_stiffness(submesh, tet, out, shape) && is_semidefinite(out)) return PLIANT_OK;
-    /* the shape functions would be as wrong: no other stiffness can stand in */
+    /* The shape functions would be equally wrong, so another stiffness cannot replace this one. */
     return pliant_fail(PLIANT_ERROR_NUMERIC, "schur: the submesh of coarse tetrahedron %d cannot be condensed on its corners to a "
                                              "positive semidefinite stiffness; use averaged", tet);
 }
 
-/* K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference */
+/* Compute K' = V B' (S C S) B from the condensed K and the condensed stiffness of the reference. */
 static bool calibrated_stiffness(pliant_submesh *submesh, int32_t tet, double out[144])
 {
     double condensed[144], of_reference[144], gradients[12];
@@ -232,7 +235,7 @@ typedef struct homogenization {
     const pliant_submesh_lists *lists;
     pliant_shapes *shapes; /* Nullable: calibrated, averaged */
     bool calibrated;
-    int32_t galerkin;   /* coarse tetrahedra whose submesh falls apart: linear interpolation instead */
+    int32_t galerkin;   /* coarse tetrahedra with a disconnected submesh: linear interpolation instead */
 } homogenization;
 
 pliant_status pliant_averaged_tet(pliant_submesh *submesh, int32_t tet, bool grounded, double out[144], bool *linear)
@@ -267,8 +270,8 @@ static pliant_status homogenize_one(homogenization *work, pliant_submesh *submes
     return status;
 }
 
-/* The corners of a grounded element may move in ways that its free fine nodes do not feel: there it stays, by this part
- * of the mean stiffness. */
+/* Fraction of the mean stiffness that is added to the corners of grounded elements. Corners that move no free fine node
+ * would otherwise have no stiffness. */
 static const double ground_stiffness = 1e-4;
 
 static void ground(pliant_system *system)

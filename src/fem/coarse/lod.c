@@ -14,7 +14,7 @@
 
 /* ---- grounded cubes */
 
-/* P: in coarse tetrahedra, or trilinear in coarse cubes */
+/* Build P: linear in coarse tetrahedra, or trilinear in coarse cubes. */
 static pliant_status interpolate(pliant_system *system, bool hexahedra, const int32_t *coarse_of_fine)
 {
     if (!hexahedra) return pliant_upsample_linear(system, coarse_of_fine);
@@ -71,7 +71,7 @@ static pliant_status make_hexahedra(lod_builder *lod)
     return status;
 }
 
-/* the fine mesh's elements, at rest */
+/* Create the fine mesh's elements at rest. */
 static pliant_status make_fine(lod_builder *lod, bool hexahedra)
 {
     pliant_system *whole = &lod->whole;
@@ -86,7 +86,7 @@ static pliant_status make_fine(lod_builder *lod, bool hexahedra)
     return PLIANT_OK;
 }
 
-/* their matrix, by the free nodes */
+/* Assemble the fine matrix on the free nodes. */
 static pliant_status assemble_fine(lod_builder *lod)
 {
     pliant_system *whole = &lod->whole;
@@ -94,7 +94,7 @@ static pliant_status assemble_fine(lod_builder *lod)
     if (status != PLIANT_OK) return status;
     if (!(lod->values = pliant_calloc((size_t)whole->pattern.num_values, sizeof *lod->values))) return pliant_fail_memory("the stiffness of the fine mesh");
     pliant_system_assemble(whole, lod->at_rest, lod->values);
-    const double share = 1e-6; /* of the stiffness that a coarse node has, which grows with the cube */
+    const double share = 1e-6; /* fraction of a coarse node's stiffness, which grows with the cube */
     lod->support = share * lod->ratio * whole->mean_diagonal;
     return PLIANT_OK;
 }
@@ -116,7 +116,7 @@ static double seconds_of(double fill, double nodes, double held, double own)
 
 typedef struct lod_cost { double seconds, mib; } lod_cost;
 
-/* with another ratio or number of layers than the patches were numbered with */
+/* Estimate the cost for another ratio or number of layers, from the present patch sizes. */
 static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
 {
     double finer = pow((double)ratio / lod->ratio, 3), wider = pow((2.0 * layers + 1) / (2.0 * lod->layers + 1), 3), largest = 0;
@@ -127,7 +127,7 @@ static lod_cost cost_of(const lod_builder *lod, int32_t ratio, int32_t layers)
         double nodes = lod->patch_nodes[cube] * finer * wider, means = lod->patch_means[cube] * more_means, columns = 3 * means;
         double own = 3 * pow(ratio + 1, 3), held = columns + (lod->bulk ? pow(2.0 * layers + 1, 3) : 0);
         cost.seconds += seconds_of(fill_of(lod), nodes, held, own) / threads;
-        /* corrector, root, entries; in the making: K^-1 [G, Phi] three times and the factor */
+        /* Corrector, root, entries; temporary: three times K^-1 [G, Phi], and the factor. */
         cost.mib += 4 * (72 * nodes + fmin(own, columns) * columns + 3 * own * means);
         largest = fmax(largest, 8 * (3 * (24 + held) * 3 * nodes + fill_of(lod) * factor_numbers * pow(nodes, 4.0 / 3)));
     }
@@ -159,7 +159,7 @@ static pliant_status check_cost(const lod_builder *lod, const pliant_scene *scen
                        scene->model.lod_seconds, scene->model.lod_memory, instead);
 }
 
-/* ---- the work, cube by cube */
+/* ---- The computation, cube by cube. */
 
 typedef pliant_status (*lod_work)(lod_builder *lod, lod_room *room, int32_t cube);
 

@@ -1,4 +1,4 @@
-/* The corrector of one cube: a fine problem on the cubes around, with the means held. */
+/* The corrector of one cube: a fine problem on the surrounding cubes, with constrained means. */
 #include "base/fail.h"
 #include "base/dense.h"
 #include "fem/coarse/lod_corrector.h"
@@ -10,14 +10,15 @@
 enum { COLUMNS = 24 };
 
 typedef struct patch_problem {
-    int32_t count, num_means, num_bulk; /* free fine nodes, constrained coarse ones, cubes that resist a change of volume as one */
+    int32_t count, num_means, num_bulk; /* free fine nodes, constrained coarse nodes, cubes with a mean change of
+                                         * volume */
     int32_t *node;             /* (count) in the numbering of lod->whole, ascending */
     int32_t *mean;             /* (num_means) coarse nodes */
-    int32_t *lean;             /* (count x LOD_LEANS) the means that a node counts in, or -1 */
+    int32_t *lean;             /* (count x LOD_LEANS) means to which a node contributes, or -1 */
     double *weight;            /* (count x LOD_LEANS) m_i lambda_j(x_i) [kg] */
     pliant_pattern pattern;    /* of the patch */
     double *values;
-    double *bulk;              /* (num_bulk x 3 count) B: a unit of B'Q costs 1/2 */
+    double *bulk;              /* (num_bulk x 3 count) B, scaled to the energy 1/2 |B'Q|^2 */
     double *z;                 /* ((24 + held) x 3 count): K^-1 [G, Phi, B]; held = 3 num_means + num_bulk */
     double *s, *t;             /* (held x held), (held x 24) */
 } patch_problem;
@@ -29,7 +30,7 @@ static void patch_free(patch_problem *patch)
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
-/* fine nodes in the box of the patch that are free and have no tetrahedron outside */
+/* List the free fine nodes in the box of the patch without adjacent tetrahedra outside of it. */
 static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low[3], const int32_t side[3], patch_problem *patch)
 {
     const pliant_mesh *fine = lod->system->fine;
@@ -47,7 +48,7 @@ static void find_nodes(const lod_builder *lod, lod_room *room, const int32_t low
     }
 }
 
-/* the free coarse nodes that those lean on */
+/* List the free coarse nodes that interpolate these fine nodes. */
 static void find_means(const lod_builder *lod, lod_room *room, patch_problem *patch)
 {
     for (int32_t i = 0; i < patch->count; i++) {
@@ -94,7 +95,7 @@ static pliant_status number(const lod_builder *lod, lod_room *room, int32_t cube
     return PLIANT_OK;
 }
 
-/* where the scalar columns 3j, 3j+1, 3j+2 of a pattern begin */
+/* Return the starts of the scalar columns 3j, 3j+1, 3j+2 of a pattern. */
 static void columns_of(const pliant_pattern *pattern, double *values, int32_t column, double *out[3])
 {
     int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
@@ -103,8 +104,8 @@ static void columns_of(const pliant_pattern *pattern, double *values, int32_t co
     out[2] = out[1] + 3 * height - 1;
 }
 
-/* the part of the whole matrix that belongs to the patch; a little is added to the diagonal, for pieces that the patch
- * cuts off at an edge */
+/* Extract the patch's part of the matrix. A small amount is added to the diagonal, for pieces that the patch's border
+ * cuts off up to an edge. */
 static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, patch_problem *patch)
 {
     const double supported = 1e-10;
@@ -140,7 +141,7 @@ static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, p
     return PLIANT_OK;
 }
 
-/* K_C P, by column of the cube's corners: g (24 x 3 count) */
+/* Compute K_C P by column of the cube's corners: g (24 x 3 count). */
 static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, const patch_problem *patch, double *g)
 {
     const size_t size = 3 * (size_t)patch->count;
@@ -170,8 +171,9 @@ static void load_of_cube(const lod_builder *lod, const lod_room *room, int32_t c
 
 static int32_t held_of(const patch_problem *patch) { return 3 * patch->num_means + patch->num_bulk; }
 
-/* of a cube the change of volume as one, weighed (lod.h), on the patch: b (3 count); of the corners' interpolation: p
- * (24). Returns the weight. */
+/* Compute the weighted mean change of volume of a cube (lod.h), and return its weight.
+ * @param b  Out: (3 count) for the patch's nodes.
+ * @param p  Out: (24) for the corners' interpolation. */
 static double change_of_cube(const lod_builder *lod, const lod_room *room, int32_t cube, double *b, double p[COLUMNS])
 {
     double whole = 0;
@@ -195,7 +197,7 @@ static double change_of_cube(const lod_builder *lod, const lod_room *room, int32
     return whole;
 }
 
-/* B, scaled, and what of the cube's own is in G */
+/* Fill B, scaled, and add the cube's own part to G. */
 static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int32_t cube, patch_problem *patch, double *g)
 {
     const size_t size = 3 * (size_t)patch->count;
@@ -214,7 +216,7 @@ static pliant_status fill_bulk(const lod_builder *lod, const lod_room *room, int
     return PLIANT_OK;
 }
 
-/* Phi, by column of the means: (3 num_means x 3 count) */
+/* Fill Phi by column of the means: (3 num_means x 3 count). */
 static void fill_means(const patch_problem *patch, double *phi)
 {
     size_t size = 3 * (size_t)patch->count;
@@ -223,7 +225,7 @@ static void fill_means(const patch_problem *patch, double *phi)
             phi[size * (size_t)(3 * patch->lean[i] + d) + (size_t)(3 * (i / LOD_LEANS) + d)] = patch->weight[i];
 }
 
-/* out (held x columns) = [Phi, B]' of columns (columns x 3 count) */
+/* Compute out (held x columns) = [Phi, B]' of columns (columns x 3 count). */
 static void take_held(const patch_problem *patch, int32_t columns, const double *from, double *out)
 {
     const size_t size = 3 * (size_t)patch->count;

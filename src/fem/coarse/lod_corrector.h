@@ -8,9 +8,9 @@
 extern "C" {
 #endif
 
-/* patch_nodes and patch_means of a cube. Errors: MEMORY. */
+/* Compute patch_nodes and patch_means of a cube. Errors: MEMORY. */
 pliant_status lod_size(lod_builder *lod, lod_room *room, int32_t cube);
-/* Its corrector. Errors: MEMORY, NUMERIC. */
+/* Compute the corrector of a cube. Errors: MEMORY, NUMERIC. */
 pliant_status lod_correct(lod_builder *lod, lod_room *room, int32_t cube);
 
 #ifdef __cplusplus

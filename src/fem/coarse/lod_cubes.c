@@ -47,7 +47,7 @@ int lod_interpolation(const lod_builder *lod, int32_t fine_node, int32_t nodes[L
     int count = 0;
     for (size_t v = first; v < first + (size_t)upsample->corners; v++) {
         double weight = upsample->weights[v];
-        if (fabs(weight) < 1e-9) continue; /* nested: zero, or at least one over the ratio, of cubes its third power */
+        if (fabs(weight) < 1e-9) continue; /* nested weights are zero or at least 1 / ratio (cubed in cubes) */
         nodes[count] = upsample->node[v];
         weights[count++] = weight;
     }
@@ -87,9 +87,9 @@ int lod_element(const lod_builder *lod, int32_t element, const int32_t **nodes, 
     return pliant_element_begin(whole, element + 1) - begin;
 }
 
-/* ---- cubes and the fine mesh */
+/* ---- Cubes and the fine mesh. */
 
-/* the coarse cell that a fine element lies in */
+/* Return the coarse cell that contains a fine element. */
 static int32_t cell_of(const lod_builder *lod, int32_t element)
 {
     const pliant_mesh *fine = lod->system->fine, *coarse = lod->system->mesh;

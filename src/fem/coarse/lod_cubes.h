@@ -12,11 +12,12 @@ extern "C" {
 typedef struct lod_corrector {
     int32_t count;
     int32_t *node;  /* (count) fine nodes, ascending */
-    float *value;   /* (count x 3 x 24) by corner of the cube (bit d: along axis d), absent ones zero */
+    float *value;   /* (count x 3 x 24) by corner of the cube (bit d: along axis d); zero for missing corners */
 } lod_corrector;
 
 typedef struct lod_builder {
-    pliant_system *system;               /* being made; has mesh, fine, num_threads, and upsample: P */
+    /* Under construction; it has mesh, fine, num_threads, and upsample: P. */
+    pliant_system *system;
     const uint8_t *fine_fixed, *coarse_fixed;
     const pliant_tet_material *material; /* (fine tetrahedra) */
     int32_t layers, ratio;
@@ -30,15 +31,15 @@ typedef struct lod_builder {
     /* (count) size of the corrector's problem: number of free fine nodes, and of constrained coarse nodes. */
     int32_t *patch_nodes, *patch_means;
     /* The fine mesh. */
-    pliant_system whole;   /* its elements, free nodes, pattern */
+    pliant_system whole;   /* elements, free nodes and pattern of the fine mesh */
     pliant_tangent *at_rest; /* (whole.num_blocks) */
     /* Nullable: (elements of whole) volume times the bulk modulus that `whole` leaves out [N m] (lod.h). */
     double *bulk;
-    double *values;        /* its matrix at rest, by whole.pattern */
+    double *values;        /* matrix of `whole` at rest, by whole.pattern */
     double *mass;          /* (fine nodes) [kg] */
     /* Stiffness that holds the corners of grounded cubes that move no tissue [N/m]. */
     double support;
-    uint8_t *reach;        /* (fine nodes x 6) lowest and highest coarse cell of the tetrahedra around, by axis */
+    uint8_t *reach;        /* (fine nodes x 6) lowest and highest coarse cell of adjacent tetrahedra, by axis */
     lod_corrector *correctors; /* (count) */
 } lod_builder;
 

@@ -1,4 +1,4 @@
-/* Macro-elements from the correctors: which corners a cube has, what its fine nodes take from them, its matrix. */
+/* Builds macro-elements from correctors: their corners, shape functions on the fine nodes, and matrices. */
 #include "base/fail.h"
 #include "base/dense.h"
 #include "fem/coarse/lod_macro.h"
@@ -32,7 +32,7 @@ static void leave_corners(lod_room *room, int32_t count, const int32_t *node, co
     for (int32_t c = 0; c < count; c++) room->slot[2 * node[c] + held[c]] = -1;
 }
 
-/* F = sum of x_v g_v' is the least-squares fit to the cube's nodes: g_v = (sum of Y Y')^-1 Y_v, Y = X - C */
+/* Fit F = sum of x_v g_v' to the cube's nodes by least squares: g_v = (sum of Y Y')^-1 Y_v, Y = X - C. */
 static void fit_frame(const pliant_mesh *mesh, const int32_t own[8], double gradient[24])
 {
     double centre[3] = {0, 0, 0}, moment[9] = {0};
@@ -44,11 +44,11 @@ static void fit_frame(const pliant_mesh *mesh, const int32_t own[8], double grad
         for (int d = 0; d < 3; d++) gradient[3 * v + d] = own[v] >= 0 ? mesh->rest[3 * own[v] + d] - centre[d] : 0;
     for (int v = 0; v < 8; v++)
         for (int m = 0; m < 9; m++) moment[m] += gradient[3 * v + m / 3] * gradient[3 * v + m % 3];
-    pliant_dense_cholesky(3, moment); /* a coarse tetrahedron at least: it spans space */
+    pliant_dense_cholesky(3, moment); /* succeeds, since the nodes include a coarse tetrahedron */
     for (int v = 0; v < 8; v++) pliant_dense_cholesky_solve(3, moment, 1, gradient + 3 * v);
 }
 
-/* every fine node that moves follows the first cube that has it */
+/* Make every free fine node follow the first cube that contains it. */
 static void list_followers(const lod_builder *lod, pliant_macros *macros)
 {
     const pliant_mesh *fine = lod->system->fine;
@@ -64,7 +64,8 @@ static void list_followers(const lod_builder *lod, pliant_macros *macros)
             }
         }
     for (int32_t cube = 0; cube < lod->count; cube++) macros->fine_start[cube + 1] += macros->fine_start[cube];
-    for (int32_t node = fine->num_nodes - 1; node >= 0; node--) { /* from the back, so that starts end where they belong */
+    /* In reverse order, so that the starts end at their final values. */
+    for (int32_t node = fine->num_nodes - 1; node >= 0; node--) {
         int32_t cube = macros->cube_of_fine[node];
         if (cube >= 0) macros->fine[--macros->fine_start[cube + 1]] = node;
     }
@@ -132,7 +133,7 @@ pliant_status lod_macros_create(lod_builder *lod)
 /* ---- one cube */
 
 typedef struct cube_work {
-    int32_t num_corners, num_nodes; /* columns are 3 num_corners, rows 3 num_nodes */
+    int32_t num_corners, num_nodes; /* columns: 3 num_corners; rows: 3 num_nodes */
     int32_t *node;      /* (num_nodes) fine */
     double *shape;      /* (rows x columns) N */
     double *force;      /* (rows x columns) K_C N */
@@ -170,7 +171,7 @@ static pliant_status work_create(const lod_builder *lod, lod_room *room, int32_t
     return good ? PLIANT_OK : pliant_fail_memory("a macro-element");
 }
 
-/* N = P - sum of Q over the cubes within k */
+/* Compute N = P - sum of Q over the cubes within k. */
 static void fill_shape(const lod_builder *lod, const lod_room *room, int32_t cube, cube_work *work)
 {
     size_t columns = 3 * (size_t)work->num_corners;
@@ -258,8 +259,8 @@ static void fill_matrix(const lod_builder *lod, int32_t cube, cube_work *work)
     }
 }
 
-/* blocks of N below this part move nothing that can be seen; of an upsampled displacement, not of the matrix
- * (NUMERICS.md) */
+/* Blocks of N below this value have no visible effect on upsampled displacements. The matrix uses all blocks
+ * (NUMERICS.md). */
 static const double smallest_shape = 1e-4;
 
 static bool counts(const double *shape, size_t columns, size_t corner)

@@ -8,9 +8,9 @@
 extern "C" {
 #endif
 
-/* system->macros with corners, frames and the fine nodes that follow each. Errors: MEMORY. */
+/* Create system->macros with corners, frames, and the fine nodes that follow each. Errors: MEMORY. */
 pliant_status lod_macros_create(lod_builder *lod);
-/* The matrix of a cube, and how its fine nodes follow. Errors: MEMORY. */
+/* Compute the matrix of a cube and the shape functions of its fine nodes. Errors: MEMORY. */
 pliant_status lod_macro(lod_builder *lod, lod_room *room, int32_t cube);
 
 #ifdef __cplusplus

@@ -58,7 +58,7 @@ static pliant_status make_room(pliant_system *system, int corners, const pliant_
     return upsample->entry_element && upsample->entry_share && upsample->entry_shape ? PLIANT_OK : no_memory();
 }
 
-/* with inverse-distance shares; a node may lie on a centroid, so the distance is clamped */
+/* The weights are inverse distances to the centroids. A node may be at a centroid, so the distance is clamped. */
 pliant_status pliant_shapes_sort(pliant_system *system, int corners, const pliant_shapes *lists)
 {
     const pliant_mesh *fine = system->fine;

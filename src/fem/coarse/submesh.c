@@ -11,7 +11,7 @@ void pliant_submesh_lists_free(pliant_submesh_lists *lists)
     memset(lists, 0, sizeof *lists);
 }
 
-/* the coarse tetrahedra that fine tetrahedron t belongs to: its own, and with `neighbours` those across its faces */
+/* List the coarse tetrahedra of fine tetrahedron t: its own, and with `neighbours` also those across its faces. */
 static int owners_of(const int32_t *coarse_of_fine, const int32_t *neighbours, int32_t t, int32_t owners[5])
 {
     int count = 0;

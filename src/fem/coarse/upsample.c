@@ -1,4 +1,4 @@
-/* From solved nodes to fine nodes, and forces the other way by the same weights ([H] 2.3 and 3). */
+/* Upsampling from solved nodes to fine nodes, and transfer of forces by the transposed weights ([H] 2.3 and 3). */
 #include "base/fail.h"
 #include "fem/element/macro_element.h"
 #include "fem/coarse/shaped.h"
@@ -10,7 +10,8 @@
 #include <math.h>
 #include <string.h>
 
-/* (fine nodes) a coarse element that each lies in: any serves, the interpolation is continuous: the first one */
+/* Return the first coarse element that contains each fine node: (fine nodes). The interpolation is continuous, so any
+ * of them would do. */
 static int32_t *owners_of(const pliant_mesh *fine, const int32_t *element_of_fine)
 {
     int32_t *owner = pliant_calloc((size_t)fine->num_nodes, sizeof *owner);
@@ -20,7 +21,7 @@ static int32_t *owners_of(const pliant_mesh *fine, const int32_t *element_of_fin
     return owner;
 }
 
-/* From so many corners each; the owners are the caller's to free. */
+/* Allocate weights for `corners` corners per node. owner: out: freed by the caller. */
 static pliant_status begin(pliant_system *system, int32_t corners, const int32_t *element_of_fine, int32_t **owner)
 {
     const size_t count = (size_t)system->fine->num_nodes, of_each = (size_t)corners;
@@ -105,7 +106,7 @@ pliant_status pliant_upsample_cubes(pliant_system *system, const int32_t *coarse
     return status;
 }
 
-/* ---- by homogenized shape functions */
+/* ---- Homogenized shape functions. */
 
 typedef struct tet_frame {
     double x[12], rest[12];
@@ -140,7 +141,7 @@ static void macro_frame_of(const pliant_system *system, const double *solved, in
     pliant_rotation_signed_svd(f, out->rotation);
 }
 
-/* where an entry's element alone takes a fine node, and dx_f/dx_v */
+/* Compute the position of a fine node, and dx_f/dx_v, from one entry's element alone. */
 static void entry_position(const pliant_system *system, const double *solved, int32_t entry, const double *rest, double x[3])
 {
     const pliant_upsample *upsample = system->upsample;
@@ -173,7 +174,7 @@ static void entry_rotation(const pliant_system *system, const double *solved, in
     memcpy(out, system->macros ? macro.rotation : tet.frame.rotation, 9 * sizeof *out);
 }
 
-/* whether fine nodes follow macro-elements; otherwise those are the fine mesh's own */
+/* Return whether fine nodes follow macro-elements. Otherwise the macro-elements belong to the fine mesh. */
 static bool follows_macros(const pliant_system *system) { return system->macros && system->macros->fine_start; }
 
 bool pliant_solves_fine(const pliant_system *system) { return !system->upsample && !follows_macros(system); }
@@ -204,7 +205,8 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
             for (size_t v = 0; v < corners; v++)
                 for (int d = 0; d < 3; d++)
                     sum[d] += upsample->weights[corners * n + v] * (solved[3 * nodes[v] + d] - system->mesh->rest[3 * nodes[v] + d]);
-            for (int d = 0; d < 3; d++) sum[d] += rest[d]; /* displacements: exactly at rest when the coarse nodes are */
+            /* Displacements are exactly 0 if the coarse nodes are at rest. */
+            for (int d = 0; d < 3; d++) sum[d] += rest[d];
         } else {
             for (int32_t e = upsample->start[n]; e < upsample->start[n + 1]; e++) {
                 double x[3];
@@ -227,7 +229,7 @@ static void add_block(const pliant_system *system, int32_t node, double weight, 
     for (int m = 0; !block && m < 9; m += 4) out[m] += weight;
 }
 
-/* By linear weights every M_j is some m_j I: sums of one number. */
+/* Compute the masses for linear weights, where every M_j is m_j I. */
 static void linear_masses(const pliant_system *system, const double *mass, double *dense)
 {
     const pliant_upsample *upsample = system->upsample;

@@ -61,7 +61,7 @@ static uint64_t *materials_around(const pliant_voxels *voxels)
     return around;
 }
 
-/* of hexahedra: an eighth of their mass is at each corner */
+/* Include the hexahedra: an eighth of their mass is at each corner. */
 static void take_cubes(const pliant_body *body, pliant_tled_system *system)
 {
     for (int32_t c = 0; c < system->cubes->count; c++) {

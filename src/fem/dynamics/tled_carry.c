@@ -1,11 +1,11 @@
-/* Explicit dynamics that continues with the next body: the state is mapped to its nodes and elements (tled_conserve.c
- * keeps momentum and energy). */
+/* Copies the state of explicit dynamics to the nodes and elements after a cut (tled_conserve.c conserves momentum and
+ * energy). */
 #include "fem/dynamics/tled_cubes.h"
 
 #include <math.h>
 #include <string.h>
 
-/* lane of the element that a tetrahedron is, or is in */
+/* Return the lane of the element that contains a tetrahedron. */
 static int32_t place_of(const pliant_tled_system *system, int32_t tet) { return system->cubes ? system->cubes->element_of_tet[tet] : tet; }
 static float shear_at(const pliant_tled_system *system, int32_t place)
 {

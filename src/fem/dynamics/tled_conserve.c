@@ -1,16 +1,17 @@
-/* Keep momentum and energy over a cut in explicit dynamics.
+/* Conserves momentum and energy over a cut in explicit dynamics.
  *
- * A hexahedron has an eighth of its mass at each corner. The tetrahedra that a cut leaves of it have a fourth of theirs
- * at each corner, and they are stiffer. So a cut alone would change momentum and add energy. Both are corrected region
- * by region. A region is a connected set of nodes of the cells that the cut touched. Regions share no element. The
- * region of a component without fixed nodes is the whole component, since its center of mass is kept, too. Other
- * components keep every bit. - Center of mass of a free component: the component is translated back. Otherwise the
- * moved mass would make it spin. - Momentum and angular momentum: velocities get the missing rigid motion, which is the
- * least change (Gauss). - Strain energy: nodes of touched cells move along their elastic forces over their masses,
- * until the strain energy is as before. This is a sub-step
- *    without inertia: velocities stay. Where the region moves freely, the motion has no rigid part.
- * - Kinetic energy: what the cut added is taken from the region's velocities less their rigid motion; if these do not
- *   suffice, from its component's. */
+ * A hexahedron has an eighth of its mass at each corner. The tetrahedra that remain after a cut have a fourth of their
+ * mass at each corner, and they are stiffer. A cut alone would therefore change momentum and add energy. Both are
+ * corrected region by region. A region is a connected set of nodes of cells touched by the cut. Regions share no
+ * element. For a component without fixed nodes the region is the whole component, so that its center of mass can be
+ * corrected as well. All other components stay bitwise unchanged.
+ * - Center of mass of a free component: the component is translated back. Otherwise the moved mass would make it spin.
+ * - Momentum and angular momentum: the missing rigid motion is added to the velocities, which is the smallest change
+ *   (Gauss).
+ * - Strain energy: nodes of touched cells move along their elastic forces divided by their masses, until the strain
+ *   energy has its earlier value. Velocities stay. If the region moves freely, this motion has no rigid part.
+ * - Kinetic energy: the added energy is removed from the region's velocities relative to its rigid motion. If they do
+ *   not suffice, the component's velocities are reduced. */
 #include "base/dense.h"
 #include "base/fail.h"
 #include "topology/parts.h"
@@ -23,13 +24,13 @@
 enum { MAX_CORNERS = 8, MAX_RELEASES = 40, MAX_PASSES = 4 };
 static const double rounding = 1e-12;
 
-/* ---- motion of the nodes of a region */
+/* ---- Motion of the nodes of a region. */
 
 typedef struct motion {
     double mass, centre[3], momentum[3], spin[3] /* about the centre */, inertia[9], kinetic, size[2] /* of the terms of momentum and spin */;
 } motion;
 
-/* rigid motion  a + w x r  about a point */
+/* The rigid motion a + w x r about a point. */
 typedef struct rigid_motion { double centre[3], a[3], w[3]; } rigid_motion;
 
 static void arm_of(const pliant_tled *tled, int32_t node, const double centre[3], double r[3])
@@ -54,7 +55,7 @@ static void find_centre(const pliant_cut_regions *work, int32_t region, double c
     for (int d = 0; d < 3 && mass > 0; d++) centre[d] /= mass;
 }
 
-/* velocities are scale times vector, (nodes x 3) */
+/* Compute the motion with velocities scale times vector, (nodes x 3). */
 static motion find_motion(const pliant_cut_regions *work, int32_t region, const pliant_tled *tled, const double *vector, double scale, const double centre[3])
 {
     motion out = {.centre = {centre[0], centre[1], centre[2]}};
@@ -87,7 +88,7 @@ static motion motion_of(const pliant_cut_regions *work, int32_t region, const pl
     return find_motion(work, region, of->tled, of->tled->d, 1 / of->tled->time_step, centre);
 }
 
-/* w of inertia w = spin; none about an axis that all nodes lie on */
+/* Solve inertia w = spin. The component about an axis through all nodes is 0. */
 static void spin_of(const double inertia[9], const double spin[3], double w[3])
 {
     double a[9], values[3], axes[9], largest = 0;
@@ -113,7 +114,7 @@ static rigid_motion rigid_of(const motion *of)
     return out;
 }
 
-/* vectors become  kept v + share (a + w x r) */
+/* Replace vectors v by kept v + share (a + w x r). */
 static void change(const pliant_cut_regions *work, int32_t region, double *vector, const rigid_motion *rigid, double kept, double share)
 {
     for (int32_t i = work->node_start[region]; i < work->node_start[region + 1]; i++) {
@@ -129,7 +130,7 @@ static void change(const pliant_cut_regions *work, int32_t region, double *vecto
     }
 }
 
-/* sign times the strain energy of every touched cell to its region */
+/* Add sign times the strain energy of every touched cell to its region. */
 static void add_strain(pliant_cut_regions *work, const pliant_cut_side *of, double sign)
 {
     const pliant_tled_system *system = of->tled->system;
@@ -144,9 +145,9 @@ static void add_strain(pliant_cut_regions *work, const pliant_cut_side *of, doub
     }
 }
 
-/* ---- corrections of a region */
+/* ---- Corrections of a region. */
 
-/* The center of mass of a free component becomes that before. */
+/* Restore the center of mass of a free component from before the cut. */
 static void keep_center(const pliant_cut_regions *work, int32_t region)
 {
     double mass = 0, missing[3] = {0, 0, 0};
@@ -198,7 +199,7 @@ static double take_kinetic(const pliant_cut_regions *work, int32_t region, doubl
     return fmin(fmax(inner, 0), energy);
 }
 
-/* strain energy of the region's elements [J]; forces: of it on the region's nodes, too */
+/* Return the strain energy of the region's elements [J]. forces: also add their forces on the region's nodes. */
 static double strain_of(const pliant_cut_regions *work, int32_t region, bool forces)
 {
     double sum = 0, force[MAX_CORNERS][3];
@@ -214,7 +215,7 @@ static double strain_of(const pliant_cut_regions *work, int32_t region, bool for
     return sum;
 }
 
-/* work->step from work->force. Returns how fast strain energy falls along it [J/s^2]. */
+/* Compute work->step from work->force. Return the slope by which the strain energy falls along it [J/s^2]. */
 static double find_step(const pliant_cut_regions *work, int32_t region)
 {
     const pliant_tled *tled = work->now.tled;
@@ -244,7 +245,7 @@ static void move(const pliant_cut_regions *work, int32_t region, double time)
         for (int d = 0; d < 3; d++) work->tled->u[3 * (size_t)work->node[i] + d] += time * work->step[3 * (size_t)work->node[i] + d];
 }
 
-/* Where energy - slope t + curve t^2 / 2 has fallen by so much, or is least. */
+/* Return the smallest t at which energy - slope t + curve t^2 / 2 has fallen by `fall`, or the t of its minimum. */
 static double solve_parabola(double slope, double curve, double fall)
 {
     const double square = slope * slope - 2 * curve * fall;
@@ -289,7 +290,7 @@ static double conserve(const pliant_cut_regions *work, int32_t region)
     return left;
 }
 
-/* The only region becomes the component of a node. */
+/* Replace the region by the complete component of a node. */
 static void grow_region(pliant_cut_regions *work, int32_t node)
 {
     const pliant_tled_system *system = work->now.tled->system;

@@ -1,4 +1,4 @@
-/* Contacts (contact/contact.h) in a frame of sub-steps: touch.h. */
+/* Contacts (contact/contact.h) in a frame of sub-steps (touch.h). */
 #include "fem/dynamics/tled.h"
 
 #include "base/fail.h"
@@ -57,7 +57,7 @@ pliant_status pliant_tled_touch_begin(pliant_tled *tled)
     return PLIANT_OK;
 }
 
-/* Positions of now, and what overlaps in them. */
+/* Compute the present positions and detect overlaps. */
 static void search_overlaps(pliant_tled *tled)
 {
     pliant_tled_slowing *slowing = &tled->slowing;
@@ -67,7 +67,7 @@ static void search_overlaps(pliant_tled *tled)
     slowing->status = pliant_tissue_overlapping(slowing->tissue, slowing->place, slowing->overlaps);
 }
 
-/* whether a node that may be slowed overlaps nothing now */
+/* Return whether a node that can be slowed has no overlap at present. */
 static bool is_free(const pliant_tled *tled, const pliant_contact_point *point)
 {
     return tled->slowing.tissue && pliant_contact_slows(point) && !tled->slowing.overlaps[point->node[0]];

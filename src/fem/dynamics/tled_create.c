@@ -80,7 +80,7 @@ static pliant_status allocate(pliant_tled_system *system)
                : pliant_fail_memory("the elements");
 }
 
-/* tetrahedra that are elements of their own */
+/* Return the number of tetrahedra that are separate elements. */
 static int32_t num_own(const pliant_tled_system *system) { return system->cubes ? system->cubes->num_tets : system->mesh->num_tets; }
 static int32_t own_tet(const pliant_tled_system *system, int32_t element) { return system->cubes ? system->cubes->tet[element] : element; }
 
@@ -93,7 +93,7 @@ static void gather_lists(pliant_tled_system *system)
     for (int32_t v = 0; v < 4 * tets; v++) start[mesh->tets[4 * own_tet(system, v / 4) + v % 4] + 1]++;
     for (int32_t v = 0; cubes && v < 8 * cubes->count; v++) start[cubes->cube[v / 8].node[v % 8] + 1]++;
     for (int32_t n = 0; n < mesh->num_nodes; n++) start[n + 1] += start[n];
-    /* places first ascend from start[n]; afterwards start[n] has moved to where n + 1 begins */
+    /* start[n] first counts up; afterwards it is the start of node n + 1. */
     for (int32_t v = 0; v < 4 * tets; v++) {
         int32_t e = v / 4, place = 12 * LANES * (e / LANES) + 3 * LANES * (v % 4) + e % LANES;
         system->corner[start[mesh->tets[4 * own_tet(system, e) + v % 4]]++] = place;
@@ -185,8 +185,8 @@ pliant_status pliant_tled_system_create(const pliant_scene *scene, const pliant_
         double mass = system->quasi_static ? pseudo_mass[n] / (system->safety * system->safety) : system->node_mass[n];
         if (!body->fine_fixed[n] && mass > 0) system->inverse_mass[n] = 1 / mass;
         if (!system->nodal_pressure) continue;
-        /* the harmonic mean: no stiffer than the elements, so that their bound of the time step holds (Cauchy and
-         * Schwarz) */
+        /* The harmonic mean is not stiffer than the elements, so their bound of the time step is valid
+         * (Cauchy-Schwarz). */
         system->node_volume[n] = (float)(1 / compliance[2 * n]);
         system->node_modulus[n] = (float)(compliance[2 * n] / compliance[2 * n + 1]);
     }

@@ -16,7 +16,8 @@ size_t pliant_tled_force_count(const pliant_tled_system *system)
 /* parts of cube_bending.h */
 static const double contraction = 0.75, square_bar = 0.1406 * 6;
 
-/* Eigenvalues of gamma over its two 1 / h, of the three modes: symmetric, without a diagonal. */
+/* Compute the eigenvalues of gamma, divided by 1 / h of both axes, for the three modes. The matrix is symmetric with
+ * zero diagonal. */
 static void torsion_values(const double size[3], double out[3])
 {
     const double gamma[6] = {0, 0, 0, 1 / size[2], 1 / size[1], 1 / size[0]};
@@ -24,7 +25,7 @@ static void torsion_values(const double size[3], double out[3])
     for (int d = 0; d < 3; d++) out[d] *= square_bar * out[d] * 4 / 3;
 }
 
-/* k of the mode of all axes over V mu */
+/* Return the stiffness of the mode of all axes, divided by V mu. */
 static double twist_of(const double size[3])
 {
     double sum = 0;
@@ -34,7 +35,7 @@ static double twist_of(const double size[3])
 
 static double contraction_of(double lambda, double mu) { return contraction * lambda / (lambda + 2 * mu); }
 
-/* prony: sum of the shares */
+/* Fill the bending stiffness. prony: sum of the shares. */
 static void fill_bending(const pliant_mesh *mesh, double prony, pliant_cube_bending *out)
 {
     const double left = (1 - prony) / 64;
@@ -144,7 +145,8 @@ static void fill(const pliant_mesh *mesh, const pliant_tet_material *material, p
     for (int32_t t = 0; t < mesh->num_tets; t++) cubes->element_of_tet[t] = -1;
     int32_t tets = 0, first = (cubes->num_tets + LANES - 1) / LANES * LANES;
     for (int32_t c = 0; c < cubes->num_blocks * LANES; c++) {
-        const int32_t cube = c < cubes->count ? c : cubes->count - 1; /* padding: the last one again, without stiffness */
+        /* Padding repeats the last cube without stiffness. */
+        const int32_t cube = c < cubes->count ? c : cubes->count - 1;
         for (int v = 0; v < 8; v++) cubes->nodes[c / LANES][v][c % LANES] = cubes->cube[cube].node[v];
         cubes->finer[c / LANES][c % LANES] = 1.0f / (float)(cubes->size ? cubes->size[cube] : 1);
         if (cube != c) continue;

@@ -1,12 +1,12 @@
-/* How stiff an element is against its mass: what bounds the step. */
+/* Ratio of an element's stiffness to its mass, which bounds the time step. */
 #include "fem/dynamics/tled.h"
 
 #include <math.h>
 
-/* The element's K / V has the eigenvalues of  lambda tr(A)^2 + 2 mu |sym A|^2  over  tr(A H^-1 A'), A = sum u_v g_v',
- * because the shortest u with a given A is u_v = A H^-1 g_v, with H = sum g_v g_v'. In the axes of H, eigenvalues h,
- * the diagonal of A is apart from its rest: the 3 x 3 matrix lambda sqrt(h_i h_j) + 2 mu h_i delta_ij, and mu (h_i +
- * h_j) for each pair of sides. */
+/* Return the largest eigenvalue of an element with constant strain. K / V has the eigenvalues of  lambda tr(A)^2 + 2 mu
+ * |sym A|^2  relative to  tr(A H^-1 A'), with A = sum u_v g_v' and H = sum g_v g_v'. The reason is that the shortest u
+ * for a given A is u_v = A H^-1 g_v. In the axes of H with eigenvalues h, the diagonal of A decouples. It has the 3 x 3
+ * matrix lambda sqrt(h_i h_j) + 2 mu h_i delta_ij. Each pair of off-diagonal entries has mu (h_i + h_j). */
 double pliant_gram_largest_eigenvalue(const double gram[6], double lambda, double mu)
 {
     double h[3], values[3];

@@ -1,10 +1,10 @@
-/* Forces of the elements ([C] 5, 6, 10, 11), LANES at a time. [C] 6, F = integral of B_L' S dV with B_L = B_L0 X', is
- * for constant strain the same as V P g_v with P = X S, which costs less. */
+/* Forces of the elements ([C] 5, 6, 10, 11), LANES at a time. For constant strain, [C] 6, F = integral of B_L' S dV
+ * with B_L = B_L0 X', equals V P g_v with P = X S, which needs fewer operations. */
 #include "fem/element/stress.h"
 #include "fem/dynamics/tled_cubes.h"
 
-/* H = sum over corners 1 to 3 of (u_v - u_0) g_v'. The differences are taken in double: single precision would lose a
- * displacement of centimetres to 1e-9 m, a pressure of 0.1 Pa in nearly incompressible tissue. */
+/* Compute H = sum over corners 1 to 3 of (u_v - u_0) g_v'. The differences are in double precision. Single precision
+ * would round a displacement of centimetres to 1e-9 m, a pressure of 0.1 Pa in nearly incompressible tissue. */
 PLIANT_INLINE void load_gradient(const double *u, int32_t nodes[4][LANES], float g[9][LANES], float h[9][LANES])
 {
     float apart[9][LANES];
@@ -60,8 +60,8 @@ PLIANT_INLINE void damp_block(float change[9][LANES], const float *mu, float fac
     }
 }
 
-/* rest volume times first Piola-Kirchhoff stress of a block, from H and, damped, its change; pressure: NULL where it
- * follows from H */
+/* Compute rest volume times first Piola-Kirchhoff stress of a block from H and, with damping, from its change.
+ * pressure: NULL if it follows from H. */
 PLIANT_INLINE void block_stress(const pliant_tled_system *system, pliant_law law, bool viscous, bool damped, float dt, float h[9][LANES], float change[9][LANES],
                          float moduli[3][LANES], const float *pressure, float (*memory)[LANES], float out[9][LANES])
 {
@@ -118,8 +118,8 @@ PLIANT_INLINE void block_forces(const pliant_tled *tled, pliant_law law, bool vi
         }
 }
 
-/* Corners to modes, w_m = sum of +-1 v_a, and back, v_a = sum of +-1 w_m (tled_cubes.h): three passes of sums and
- * differences. */
+/* Transform corners to modes, w_m = sum of +-1 v_a, and back, v_a = sum of +-1 w_m (tled_cubes.h), in three passes of
+ * sums and differences. */
 PLIANT_INLINE void transform(float w[8][LANES], float sign)
 {
     for (int bit = 1; bit < 8; bit *= 2)
@@ -133,7 +133,7 @@ PLIANT_INLINE void transform(float w[8][LANES], float sign)
         }
 }
 
-/* modes of a block of cubes, the mean gradient, H or its change, and the change of volume that it makes */
+/* Load the modes of a block of cubes, their mean gradient H or its change, and its change of volume. */
 PLIANT_INLINE void load_modes(const pliant_tled_cubes *cubes, const double *u, int32_t block, float w[3][8][LANES], float h[9][LANES], float change[LANES])
 {
     int32_t (*nodes)[LANES] = cubes->nodes[block];
@@ -208,7 +208,7 @@ PLIANT_INLINE void cube_forces(const pliant_tled *tled, pliant_law law, bool vis
     }
 }
 
-/* One function a choice, so that the compiler makes straight vector code of each. */
+/* A separate function for each combination lets the compiler vectorize without branches. */
 #define DEFINE_FORCES(name, law, viscous, nodal)                                                                       \
     PLIANT_VECTORIZED static void name(const pliant_tled *tled, int32_t block, float dt, float *out)                  \
     {                                                                                                                  \

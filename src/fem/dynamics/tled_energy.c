@@ -1,4 +1,4 @@
-/* Energies of the whole body, in double, for checks and reports. */
+/* Energies of the whole body in double precision, for checks and reports. */
 #include "fem/dynamics/tled_cubes.h"
 
 /* @param back  Number of increments to subtract: 0 or 1. */
@@ -12,7 +12,7 @@ static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], cons
         }
 }
 
-/* F of a cube, and its hourglass modes */
+/* Compute F of a cube and its hourglass modes. */
 static void modes_of(const pliant_tled *tled, int32_t index, double back, double f[9], double w[8][3])
 {
     const pliant_tled_cubes *cubes = tled->system->cubes;
@@ -63,13 +63,13 @@ static double bending_energy(const pliant_tled_cubes *cubes, int32_t index, doub
     return energy;
 }
 
-/* State of an element, now or one increment ago. mode: hourglass modes of a hexahedron; force: gradient of their energy
- * by all modes */
+/* State of an element, at present or one increment ago. mode: hourglass modes of a hexahedron; force: gradient of their
+ * energy by all modes. */
 typedef struct element_state {
     double energy, f[9], stress[9], mode[8][3], force[8][3];
 } element_state;
 
-/* Constants of a hexahedron. bent: V mu over the square of its edge in smallest cells */
+/* Constants of a hexahedron. bent: V mu divided by the squared edge in smallest cells. */
 typedef struct cube_constants {
     double volume, lambda, mu, bent;
 } cube_constants;
@@ -124,7 +124,7 @@ static void tet_energies(const pliant_tled *tled, const pliant_tet_material *mat
     for (int m = 0; m < 9; m++) *work += volume * (now.stress[m] - was.stress[m]) * (now.f[m] - was.f[m]);
 }
 
-/* minus the gradient of a hexahedron's energy */
+/* Compute minus the gradient of a hexahedron's energy. */
 static void cube_force(const pliant_tled_cubes *cubes, const cube_constants *constants, int32_t index, const element_state *state, double force[8][3])
 {
     const double edge = cubes->size ? cubes->size[index] : 1;
@@ -179,7 +179,7 @@ int32_t pliant_tled_element(const pliant_tled_system *system, int32_t index)
     return index < system->cubes->num_tets ? system->cubes->tet[index] : ~(index - system->cubes->num_tets);
 }
 
-/* Strain energies now and one increment ago, and the work of the change between. */
+/* Compute strain energies at present and one increment ago, and the work of the change between them. */
 static void strain_energies(const pliant_tled *tled, const pliant_tet_material *material, double *strain, double *before, double *work)
 {
     const pliant_tled_cubes *cubes = tled->system->cubes;
@@ -189,8 +189,9 @@ static void strain_energies(const pliant_tled *tled, const pliant_tet_material *
         tet_energies(tled, material, cubes ? cubes->tet[e] : e, strain, before, work);
 }
 
-/* Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between. With energies W and forces F of
- * both ends, 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4, and d F is the sum of V P : (F - F-) over elements. */
+/* Central differences conserve 1/2 v M v + 1/2 u- K u of a linear body, with v at half a step. With energies W and
+ * forces F at both ends, 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4. d F is the sum of V P : (F - F-) over the
+ * elements. */
 void pliant_tled_energies(const pliant_tled *tled, const pliant_tet_material *material, double *kinetic, double *strain, double *kept)
 {
     double before, work;

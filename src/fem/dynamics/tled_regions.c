@@ -1,4 +1,4 @@
-/* Regions of a cut: connected nodes of the cells that it touched, or whole components that nothing fixed holds. */
+/* Regions of a cut: connected nodes of the touched cells, or whole components without fixed nodes. */
 #include "fem/dynamics/tled_regions.h"
 
 #include "base/fail.h"
@@ -7,7 +7,7 @@
 
 #include <math.h>
 
-static const double rounding = 1e-12; /* of masses that are sums of the same */
+static const double rounding = 1e-12; /* relative, of masses with equal summands */
 
 static void mark_nodes(pliant_cut_regions *work, const pliant_mesh *mesh)
 {
@@ -15,7 +15,7 @@ static void mark_nodes(pliant_cut_regions *work, const pliant_mesh *mesh)
         for (int v = 0; v < 4 && work->cell[pliant_cell_of_tet(mesh, t)]; v++) work->near[mesh->tets[4 * (size_t)t + v]] = 1;
 }
 
-/* the marked ones among these nodes become one region with first, which may be -1; returns one of them */
+/* Join the marked nodes with the region of `first`, which may be -1. Return a node of the region. */
 static int32_t join_marked(int32_t *part, const int32_t *node, int count, int32_t first)
 {
     for (int v = 0; v < count; v++) {
@@ -66,7 +66,7 @@ static void find_masses(pliant_cut_regions *work)
     }
 }
 
-/* the region of a tetrahedron whose mass has changed: one of its nodes, or -1 */
+/* Return a node of the region of a tetrahedron whose mass has changed, or -1. */
 static int32_t changed_region(const pliant_cut_regions *work, const int32_t *node)
 {
     for (int v = 0; v < 4; v++) {
@@ -77,8 +77,8 @@ static int32_t changed_region(const pliant_cut_regions *work, const int32_t *nod
     return -1;
 }
 
-/* Chips that the cut gives to another tetrahedron take their mass along: regions that have more or less mass than
- * before become one. */
+/* Join regions with changed masses. Detached voxels that the cut assigns to another tetrahedron move their mass to
+ * it. */
 static void join_chips(pliant_cut_regions *work, const pliant_cuts *cuts, const pliant_cuts *other, const pliant_mesh *mesh)
 {
     for (int32_t c = 0; cuts && c < cuts->num_chips; c++) {
@@ -89,7 +89,7 @@ static void join_chips(pliant_cut_regions *work, const pliant_cuts *cuts, const 
     }
 }
 
-/* Whether there may be free components, so that it is worth looking for them. */
+/* Return whether free components are possible. */
 static bool may_be_free(const pliant_body *before, const pliant_body *body)
 {
     bool held = false;
@@ -97,7 +97,7 @@ static bool may_be_free(const pliant_body *before, const pliant_body *body)
     return !held || before->pieces || body->pieces || body->falls || body->num_held_pieces > 0;
 }
 
-/* Regions of free components become these. held: (nodes of now) zero */
+/* Join the nodes of each free component to one region. held: (nodes after the cut) zeroed. */
 static void join_free(pliant_cut_regions *work, uint8_t *held)
 {
     const int32_t nodes = work->now.tled->system->mesh->num_nodes;
@@ -109,13 +109,14 @@ static void join_free(pliant_cut_regions *work, uint8_t *held)
     for (int32_t n = 0; n < nodes; n++) {
         if (held[work->component[n]] != 2) continue;
         if (work->part[n] < 0) work->part[n] = n;
-        join(work->part, work->component[n], n); /* the first node has been here */
+        join(work->part, work->component[n], n); /* the first node was visited before */
     }
 }
 
 static void number_regions(pliant_cut_regions *work)
 {
-    for (int32_t n = 0; n < work->now.tled->system->mesh->num_nodes; n++) /* roots are first nodes, so they are numbered before the others */
+    /* Roots are first nodes, so they are numbered before the others. */
+    for (int32_t n = 0; n < work->now.tled->system->mesh->num_nodes; n++)
         if (work->part[n] >= 0) work->part[n] = first_of(work->part, n);
     for (int32_t n = work->now.tled->system->mesh->num_nodes - 1; n >= 0; n--)
         if (work->part[n] == n) work->count++;
@@ -124,7 +125,7 @@ static void number_regions(pliant_cut_regions *work)
         if (work->part[n] >= 0) work->part[n] = work->part[n] == n ? number++ : work->part[work->part[n]];
 }
 
-/* of an element that has a node of a touched cell */
+/* Return the region of an element with a node of a touched cell. */
 static int32_t region_of_element(const pliant_cut_regions *work, const pliant_tled_system *system, int32_t index)
 {
     int corners;
@@ -134,7 +135,8 @@ static int32_t region_of_element(const pliant_cut_regions *work, const pliant_tl
     return -1;
 }
 
-/* (count + 1) of counts at [region + 2]: where each begins, at [region + 1], which fill moves to where it ends */
+/* Convert counts at [region + 2] to starts at [region + 1], which filling increments to the ends. start: (count +
+ * 1). */
 static void sum_starts(int32_t *start, int32_t count)
 {
     for (int32_t r = 0; r < count; r++) start[r + 2] += start[r + 1];

@@ -1,4 +1,4 @@
-/* The parts of a body that a cut in explicit dynamics may change (tled_conserve.c). */
+/* The parts of a body that a cut can change in explicit dynamics (tled_conserve.c). */
 #ifndef PLIANT_FEM_DYNAMICS_TLED_REGIONS_H
 #define PLIANT_FEM_DYNAMICS_TLED_REGIONS_H
 
@@ -24,7 +24,7 @@ typedef struct pliant_cut_regions {
     int32_t count;
     int32_t *node_start, *node;         /* (count + 1), nodes of each region, ascending */
     int32_t *element_start, *element;   /* (count + 1), elements after the cut with a node in the region */
-    uint8_t *free;                      /* (count) a component without fixed nodes */
+    uint8_t *free;                      /* (count) nonzero: a component without fixed nodes */
     double *gained;                     /* (count) strain energy that the cut added [J] */
     double *scale;                      /* (count) strain energy before [J] */
     double *force, *step; /* (nodes after the cut x 3) elastic forces [N], and forces divided by masses [m/s^2] */

@@ -27,8 +27,8 @@ static bool is_held(const pliant_tool *tools, int num_tools, int32_t node)
     return false;
 }
 
-/* The error of time integration at a node, whose acceleration of the sub-step before is still there; least where it is
- * not larger, or not known. */
+/* Return the error of time integration at a node, or `least` if that is larger or the error is unknown. The
+ * acceleration of the sub-step before must still be stored. */
 static double error_at(const pliant_tled *tled, const pliant_tool *tools, int num_tools, int32_t node, const double acceleration[3], double least)
 {
     const pliant_tled_system *system = tled->system;
@@ -87,7 +87,7 @@ static void advance(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
     }
 }
 
-/* After all forces: walls and sums. */
+/* Finish the sub-step after all forces: walls and sums. */
 static void settle(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
 {
     const pliant_tled_system *system = tled->system;
@@ -105,7 +105,7 @@ static void settle(pliant_tled *tled, pliant_tled_scheme rule, int32_t chunk)
             square = tled->limit[n];
         }
         residual += (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) / inverse;
-        /* not a number stays the largest */
+        /* NaN stays the maximum. */
         double over = square / tled->limit[n];
         largest = over > largest || over != over ? over : largest;
     }
@@ -297,7 +297,7 @@ static pliant_status diverged(const pliant_tled *tled, int32_t steps)
                        steps, tled->substeps, tled->time_step, fmin(system->edge_bound, system->eigenvalue_bound), system->safety);
 }
 
-/* kept: the tools' forces of the parts before */
+/* End a part of the frame. kept: the tools' forces of the earlier parts. */
 static void end_part(pliant_tled *tled, const pliant_tled_frame *frame, pliant_tool *tools, int num_tools, double (*kept)[3], pliant_statistics *statistics)
 {
     statistics->residual = frame->residual;

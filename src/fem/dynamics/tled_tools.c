@@ -72,8 +72,8 @@ double pliant_tled_answer(const pliant_tled *tled, const pliant_tool *a, const p
     return sum;
 }
 
-/* One row of the equations for the forces of tools that pull at a point.
- *  @param answer of that point to a unit force in this sub-step [m/N] */
+/* Compute one row of the equations for the forces of tools that pull at a point.
+ * @param answer  Displacement of the held point per force in this sub-step [m/N]. */
 static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int32_t parts, double answer, double gap[3])
 {
     const pliant_drive drive = pliant_tool_drive(tool);
@@ -99,7 +99,7 @@ static double set_gap(pliant_tled *tled, const pliant_tool *tool, int index, int
     return pliant_substep_gap(stiffness, damper, inertia, target, old_target, now, before, ahead, pushed, gap);
 }
 
-/* Each member feels its part of the force. */
+/* Give each member its part of the force. */
 static void tell_force(const pliant_tled *tled, pliant_tool *tools, const int *pull_of, int num_tools, int pulled, int members, const double force[3])
 {
     const double part[3] = {force[0] / members, force[1] / members, force[2] / members};

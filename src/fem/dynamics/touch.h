@@ -12,7 +12,7 @@ extern "C" {
 
 /* State of a contact during a frame. */
 typedef struct pliant_tled_touch {
-    double answer;                          /* sum of squared weights over masses [1/kg] */
+    double answer;                          /* sum of squared weights divided by masses [1/kg] */
     /* Penetration depth at the start of the frame; it is removed during the frame [m]. */
     double deep;
     double anchor[3];                       /* present sticking position [m] */

@@ -1,4 +1,4 @@
-/* The deformation gradient of a block of elements, LANES at a time: for the files that loop over elements. */
+/* The deformation gradient of a block of elements, LANES at a time, for files that loop over elements. */
 #ifndef PLIANT_FEM_ELEMENT_DEFORMATION_H
 #define PLIANT_FEM_ELEMENT_DEFORMATION_H
 

@@ -8,9 +8,9 @@
 #include <math.h>
 #include <string.h>
 
-/* Elements of nothing but empty material only fill the space that tissue moves through. Squeezed flat they would turn
- * over at once, and corotated ones have many states of rest then: iterations end in none of them. With R = I there is
- * one. */
+/* Return whether an element only fills empty space through which tissue moves. Such elements are easily squeezed flat
+ * and inverted. With rotations they have many equilibria, and iterations do not converge. With R = I there is one
+ * equilibrium. */
 static bool fills(const pliant_tet_material *material) { return !(material->tissue > 0) && material->mu > 0; }
 
 static pliant_status fill(pliant_system *system, const pliant_tet_material *material)
@@ -24,7 +24,7 @@ static pliant_status fill(pliant_system *system, const pliant_tet_material *mate
     return PLIANT_OK;
 }
 
-/* padding: the last element again, without stiffness */
+/* Set one element. Padding repeats the last element without stiffness. */
 static void make_element(pliant_system *system, const pliant_tet_material *material, int32_t e)
 {
     const int32_t block = e / LANES, lane = e % LANES, tets = system->mesh->num_tets, tet = e < tets ? e : tets - 1;
@@ -98,11 +98,12 @@ void pliant_tet_stiffness(const pliant_mesh *mesh, int32_t tet, const pliant_tet
     pliant_element_stiffness(gradients, volume * material->lambda, volume * material->mu, stiffness);
 }
 
-/* It is the force that holds the element in this state; the element pulls back with its opposite. */
+/* Compute the forces that hold the elements in this state. The elements exert the opposite forces. */
 PLIANT_VECTORIZED static void isotropic_forces(double x[12][LANES], double g[12][LANES], double lame[2][LANES], const uint8_t *grounded,
                                                 double out[12][LANES])
 {
-    double f[9][LANES], r[9][LANES], forces[12][LANES]; /* local: what might overlap the inputs keeps the loop from becoming vector code */
+    /* A local array, since possible aliasing with the inputs would prevent vectorization. */
+    double f[9][LANES], r[9][LANES], forces[12][LANES];
     deformation_of(x, g, f);
     pliant_rotations(f, r);
     if (grounded) ground(grounded, r);

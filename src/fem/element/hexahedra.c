@@ -23,12 +23,12 @@
 
 enum { CORNERS = 8, UNKNOWNS = 24, POINTS = 3, ENHANCED = CORNERS + 3, MODES = PLIANT_CUBE_MODES };
 
-/* Tissue that fills a part of a cube alone leaves the rest this part of its stiffness (finite cell method: Parvizian,
- * Duester, Rank 2007; NUMERICS.md). */
+/* Stiffness fraction of the empty part of a partially filled cube (finite cell method: Parvizian, Duester, Rank 2007;
+ * NUMERICS.md). */
 static const double filler = 5e-2;
 
-/* Part of the stiffness that is of the cube with incompatible modes (NUMERICS.md): one change of volume alone lets
- * tissue one cube thin bend too easily. */
+/* Fraction of the stiffness from the cube with incompatible modes (NUMERICS.md). With a constant change of volume
+ * alone, tissue one cube thin would bend too easily. */
 static const double enhanced = 0.25;
 
 /* ---- stiffness */
@@ -58,7 +58,7 @@ double pliant_cube_gradients(double x[CORNERS][3], const double at[3], double gr
     return determinant;
 }
 
-/* 2 e : e - 2/3 div^2 at a point, times a weight */
+/* Add 2 e : e - 2/3 div^2 at a point, times a weight. */
 static void add_deviatoric(double gradient[ENHANCED][3], double weight, double *out)
 {
     for (int a = 0; a < ENHANCED; a++)
@@ -95,7 +95,7 @@ static void find_frame(cube_frame *frame)
     const double middle[3] = {0.5, 0.5, 0.5};
     double gradient[CORNERS][3], whole = 0;
     frame->determinant = pliant_cube_gradients(frame->x, middle, gradient);
-    /* a local coordinate is the sum of the shape functions of the corners where it is 1 */
+    /* A local coordinate is the sum of the shape functions of the corners where it is 1. */
     for (int d = 0; d < 3; d++)
         for (int i = 0; i < 3; i++) {
             frame->middle[3 * d + i] = 0;
@@ -155,8 +155,8 @@ static void integrate_slot(cube_frame *frame, const int corners[4], double *devi
     }
 }
 
-/* where a corner is from the first one; as a lattice has it where no node was moved, so that its cubes are alike to the
- * last bit */
+/* Return the position of a corner relative to the first corner. Without moved nodes it is computed from the lattice, so
+ * that all cubes are bitwise identical. */
 static void corner_of(const pliant_mesh *mesh, const pliant_cube *cube, int corner, double x[3])
 {
     const bool alike = mesh->num_moved == 0 && !mesh->leaf_of_cell;
@@ -198,7 +198,7 @@ void pliant_cube_moduli(const pliant_cube *cube, const double volume[5], const p
     }
 }
 
-/* out: k without what its incompatible modes can take; false: they have no stiffness of their own */
+/* Condense the incompatible modes. Return false if they have no stiffness. */
 static bool condense(const double *k, double *out)
 {
     enum { INNER = MODES - UNKNOWNS };
@@ -304,11 +304,11 @@ int32_t pliant_macros_blocks(size_t count, size_t corners)
     return (int32_t)(for_forces > for_rotations ? for_forces : for_rotations);
 }
 
-/* Hexahedra of the body before, by cell. */
+/* Hexahedra from before the cut, by cell. */
 typedef struct earlier_cubes {
     const pliant_macros *macros;
     const uint8_t *kept;      /* (tetrahedra) */
-    int32_t *element;         /* (cells) 1 + the first hexahedron; 0: none */
+    int32_t *element;         /* (cells) 1 + first hexahedron; 0: none */
 } earlier_cubes;
 
 static pliant_status list_earlier(const pliant_system *before, const uint8_t *kept, int32_t cells, earlier_cubes *out)
@@ -320,7 +320,7 @@ static pliant_status list_earlier(const pliant_system *before, const uint8_t *ke
     return PLIANT_OK;
 }
 
-/* -1: there was none, or of another material */
+/* Return the earlier element of a cube; -1: none, or its material has changed. */
 static int32_t find_earlier(const earlier_cubes *earlier, int32_t cell, const pliant_cube *cube)
 {
     const pliant_macros *macros = earlier->macros;
@@ -345,12 +345,13 @@ static void copy_hexahedron(const pliant_macros *from, int32_t was, const pliant
     pliant_macros_share_root(from, was, macros, element);
 }
 
-/* of a cell: its cubes, then tetrahedra that are in none */
+/* Create the elements of each cell: its cubes, then the tetrahedra in no cube. */
 static pliant_status fill(pliant_system *system, const pliant_tet_material *material, const pliant_cell_lists *lists, const earlier_cubes *earlier)
 {
     const pliant_mesh *mesh = system->mesh;
     pliant_macros *macros = system->macros;
-    pliant_cube_shape *shape = pliant_calloc(2, sizeof *shape); /* by parity: all cubes of a lattice without moved nodes are alike */
+    /* By parity: all cubes of a lattice without moved nodes are equal. */
+    pliant_cube_shape *shape = pliant_calloc(2, sizeof *shape);
     bool known[2] = {false, false};
     pliant_status status = shape ? PLIANT_OK : pliant_fail_memory("the hexahedra");
     int32_t element = 0, corner = 0;
@@ -403,7 +404,7 @@ pliant_status pliant_system_hexahedra(pliant_system *system, const pliant_tet_ma
     return status;
 }
 
-/* of a lattice that may have been cut */
+/* Find the elements of a lattice that may have been cut. */
 static pliant_status elements_of_lists(const pliant_mesh *mesh, int32_t *next, int32_t *element)
 {
     pliant_cell_lists lists;
@@ -436,7 +437,8 @@ pliant_status pliant_hexahedra_of_tets(const pliant_mesh *mesh, const pliant_mac
     for (int32_t t = 0; !mesh->lattice_of_tet && t < mesh->num_tets; t++) {
         const int32_t cell = pliant_cell_of_tet(mesh, t);
         element[t] = next[cell];
-        next[cell] += macros->start[next[cell] + 1] - macros->start[next[cell]] == 4; /* the tetrahedra of a cube are in their own order */
+        /* A cube's tetrahedra are in its list order. */
+        next[cell] += macros->start[next[cell] + 1] - macros->start[next[cell]] == 4;
     }
     pliant_free(next);
     if (status == PLIANT_OK) return PLIANT_OK;

@@ -20,7 +20,8 @@ int32_t pliant_cell_of_tet(const pliant_mesh *mesh, int32_t tet)
 {
     if (mesh->lattice_of_tet) return mesh->lattice_of_tet[tet] / 5;
     const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1;
-    int32_t sum[3] = {0, 0, 0}; /* its middle lies within a smallest cell of its leaf, or between such cells */
+    /* The middle is in a smallest cell of its leaf, or between such cells. */
+    int32_t sum[3] = {0, 0, 0};
     for (int v = 0; v < 4; v++) {
         const int32_t at = mesh->lattice_of_node[mesh->tets[4 * tet + v]];
         sum[0] += at % nx, sum[1] += at / nx % ny, sum[2] += at / nx / ny;
@@ -49,14 +50,15 @@ static void list_tets(const pliant_mesh *mesh, const int32_t *among, int32_t tet
     }
 }
 
-/* One more tetrahedron of a cube that was all -1: false where there is one in its slot, or another node at a corner. */
+/* Add a tetrahedron to a cube, which initially has -1 everywhere. Return false if its slot is occupied, or if a corner
+ * has another node. */
 static bool add_to_cube(const pliant_mesh *mesh, int32_t cell, int32_t tet, pliant_cube *out)
 {
     const int32_t base[3] = {cell % mesh->cells[0], cell / mesh->cells[0] % mesh->cells[1], cell / mesh->cells[0] / mesh->cells[1]};
     const int32_t nx = mesh->cells[0] + 1, ny = mesh->cells[1] + 1, slot = mesh->lattice_of_tet[tet] % 5;
     if (out->tet[slot] >= 0) return false;
     out->tet[slot] = tet;
-    for (int v = 0; v < 4; v++) { /* a tetrahedron's own order is turned where that makes it positive */
+    for (int v = 0; v < 4; v++) { /* the node order may have been swapped to a positive orientation */
         int32_t node = mesh->tets[4 * tet + v], at = mesh->lattice_of_node[node];
         int corner = (at % nx - base[0]) | (at / nx % ny - base[1]) << 1 | (at / nx / ny - base[2]) << 2;
         if (out->node[corner] >= 0 && out->node[corner] != node) return false;
@@ -67,7 +69,7 @@ static bool add_to_cube(const pliant_mesh *mesh, int32_t cell, int32_t tet, plia
 
 static const pliant_cube no_cube = {.tet = {-1, -1, -1, -1, -1}, .node = {-1, -1, -1, -1, -1, -1, -1, -1}};
 
-/* Five tetrahedra, one a slot, that meet at eight nodes. */
+/* Return whether a cell has five tetrahedra, one per slot, that meet at eight nodes. */
 static bool is_whole(const pliant_mesh *mesh, int32_t cell, int32_t first, const int32_t *next, pliant_cube *out)
 {
     *out = no_cube;

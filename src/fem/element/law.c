@@ -84,7 +84,7 @@ bool pliant_law_cauchy(pliant_law law, double lambda, double mu, const double f[
     return true;
 }
 
-/* by the trigonometric solution of the cubic (Smith 1961) */
+/* Uses the trigonometric solution of the cubic (Smith 1961). */
 void pliant_symmetric_eigenvalues(const double m[6], double out[3])
 {
     double mean = (m[0] + m[1] + m[2]) / 3, a = m[0] - mean, b = m[1] - mean, c = m[2] - mean;

@@ -1,4 +1,4 @@
-/* Macro-elements while stepping: forces, rotations, the matrix, and how the fine nodes follow. */
+/* Macro-elements in a step: forces, rotations, matrix, and upsampling of the fine nodes. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/element/macro_element.h"
@@ -32,7 +32,7 @@ static void frames_of(const pliant_system *system, const double *x, int32_t firs
         for (int m = 0; m < 9; m++) out[l].rotation[m] = r[m][l];
 }
 
-/* q of every corner of a cube */
+/* Compute q of every corner of a cube. */
 static void corners_in_frame(const pliant_system *system, const double *x, int32_t cube, const pliant_macro_frame *frame, double *q)
 {
     const pliant_macros *macros = system->macros;
@@ -41,7 +41,7 @@ static void corners_in_frame(const pliant_system *system, const double *x, int32
         pliant_macro_corner(frame, macros->held[c], x + 3 * macros->node[c], rest + 3 * macros->node[c], q);
 }
 
-/* f = root' (root q), n numbers; every row is read once */
+/* Compute f = root' (root q), n numbers; each row is read once. */
 static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32_t n, const float *root, const double *q, double *f)
 {
     for (int32_t i = 0; i < n; i++) f[i] = 0;
@@ -58,7 +58,7 @@ static inline __attribute__((always_inline)) void apply_rows(int32_t rank, int32
 
 PLIANT_VECTORIZED static void apply_root(int32_t rank, int32_t n, const float *root, const double *q, double *f)
 {
-    if (n == 24) apply_rows(rank, 24, root, q, f); /* a hexahedron's stay in registers */
+    if (n == 24) apply_rows(rank, 24, root, q, f); /* with a constant size, a hexahedron's values stay in registers */
     else apply_rows(rank, n, root, q, f);
 }
 
@@ -227,7 +227,7 @@ done:
     return status;
 }
 
-/* column block of root' root for one corner: out (3 x n) */
+/* Compute the column block of root' root for one corner: out (3 x n). */
 PLIANT_VECTORIZED static void root_column(int32_t rank, int32_t n, const float *root, int32_t corner, double *out)
 {
     for (int32_t i = 0; i < 3 * n; i++) out[i] = 0;
@@ -238,7 +238,7 @@ PLIANT_VECTORIZED static void root_column(int32_t rank, int32_t n, const float *
         }
 }
 
-/* R block R', block (3 x 3) at (a, b) of a column block */
+/* Compute R block R', with the block (3 x 3) at (a, b) of a column block. */
 static void turned_block(const double r[9], const double *column, int32_t n, int32_t corner, double out[9])
 {
     double left[9];
@@ -361,8 +361,8 @@ void pliant_macro_positions(const pliant_system *system, const double *solved, d
     }
 }
 
-/* dx_f/dx_c with the rotation kept: R N_c R', and, since the N of corners that are not held sum to the identity,
- * nothing for c */
+/* Compute dx_f/dx_c with constant rotation: R N_c R'. There is no term from c, since the N of free corners sum to the
+ * identity. */
 void pliant_macro_weights(const pliant_system *system, const double *solved, int32_t fine_node, double weight, double *dense)
 {
     const pliant_macros *macros = system->macros;

@@ -23,17 +23,17 @@ typedef struct leaves {
     pliant_system *system;
     pliant_upsample *upsample; /* what every node follows */
     int32_t (*origin)[3];     /* (num_leaves) in smallest cells */
-    int32_t *size;            /* (num_leaves) likewise; 0: without tissue */
-    int32_t *first, *next;    /* (num_leaves) tetrahedra of each: 1 + the first one, by a list through next (tetrahedra) */
+    int32_t *size;            /* (num_leaves) in smallest cells; 0: no tissue */
+    int32_t *first, *next;    /* (num_leaves) list of tetrahedra: 1 + the first one; next (tetrahedra) */
     int32_t (*node)[PLACES];  /* (num_leaves) nodes at its corners, middles and centre, x fastest; -1: none */
-    uint8_t *whole;           /* (num_leaves) it is a hexahedron */
-    uint8_t *follows, *of_tet; /* (nodes) it follows others; a tetrahedron has it */
+    uint8_t *whole;           /* (num_leaves) nonzero: it is a hexahedron */
+    uint8_t *follows, *of_tet; /* (nodes) nonzero: it follows others; a tetrahedron has it */
     bool changed;
     pliant_cube_shape *shape; /* (PLIANT_MAX_DEPTH + 1) x 2, by size and parity */
     bool known[PLIANT_MAX_DEPTH + 1][2];
-    const pliant_macros *earlier; /* Nullable: of the body before */
+    const pliant_macros *earlier; /* Nullable: from before the cut */
     const uint8_t *kept;      /* (tetrahedra) */
-    int32_t *element;         /* (num_leaves) 1 + the hexahedron that it was there; 0: none */
+    int32_t *element;         /* (num_leaves) 1 + its earlier hexahedron; 0: none */
 } leaves;
 
 static int place_of_corner(int v) { return 2 * (v & 1) + 6 * (v >> 1 & 1) + 18 * (v >> 2); }
@@ -156,7 +156,7 @@ static int followed(const leaves *work, int32_t leaf, int32_t node[CORNERS], dou
     return count;
 }
 
-/* Which leaves are hexahedra, until none has to be divided. */
+/* Choose the leaves that are hexahedra; repeat until no further leaf is divided. */
 static void choose(leaves *work)
 {
     const pliant_mesh *mesh = work->mesh;

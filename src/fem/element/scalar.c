@@ -1,4 +1,4 @@
-/* Numbers for people to look at: stress, energy, volume of the fine tetrahedra, brought to the nodes. */
+/* Scalar fields for display: stress, energy and volume of the fine tetrahedra, averaged at the nodes. */
 #include "base/fail.h"
 #include "fem/element/hexahedra.h"
 #include "fem/element/law.h"
@@ -36,8 +36,8 @@ static pliant_status find_corners(view *look)
     return status;
 }
 
-/* F at the middle of a hexahedron. Five tetrahedra of nearly incompressible tissue change their volumes against each
- * other where the cube does not. */
+/* Compute F at the middle of a hexahedron. Its five tetrahedra would have opposite changes of volume in nearly
+ * incompressible tissue. */
 static void cube_deformation(const view *look, const int32_t node[8], double f[9])
 {
     const double middle[3] = {0.5, 0.5, 0.5};
@@ -70,7 +70,7 @@ static double corotational(const double f[9], const pliant_tet_material *materia
     return material->mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 2 * shear) + 0.5 * material->lambda * trace * trace;
 }
 
-/* sqrt(3/2 dev : dev) */
+/* Return sqrt(3/2 dev : dev). */
 static double von_mises(const double stress[6])
 {
     double mean = (stress[0] + stress[1] + stress[2]) / 3, sum = 0;
@@ -78,15 +78,15 @@ static double von_mises(const double stress[6])
     return sqrt(1.5 * sum);
 }
 
-/* [C] 13, M = V / J, calls this a mass change ratio. With the volume of now for V it would be the rest volume, always;
- * so it is read with the rest volume: density over that at rest, times the rest volume. */
+/* Return the mass change ratio of [C] 13, M = V / J. With the present volume for V it would always be the rest volume.
+ * Here V is the rest volume: the ratio of density to rest density, times the rest volume. */
 static double mass_change(double volume, double ratio)
 {
-    const double least = 1e-3; /* flat and inverted elements have none */
+    const double least = 1e-3; /* flat and inverted elements have no ratio */
     return volume / fmax(ratio, least);
 }
 
-/* the same of the element that it is part of */
+/* Compute F of the element that contains a tetrahedron, and return its volume. */
 static double element_deformation(const view *look, int32_t tet, double f[9])
 {
     const pliant_mesh *mesh = look->mesh;
@@ -129,7 +129,7 @@ static double measure(const pliant_scene *scene, const double f[9], double volum
     return values[2] / tissue_part(material);
 }
 
-/* xx yy zz xy xz yz to nine, in axes whose columns are r's */
+/* Convert xx yy zz xy xz yz to nine numbers, rotated by r. */
 static void turn(const double stress[6], const double r[9], float out[9])
 {
     const double t[9] = {stress[0], stress[3], stress[4], stress[3], stress[1], stress[5], stress[4], stress[5], stress[2]};
@@ -163,8 +163,7 @@ pliant_status pliant_tet_tensors(const pliant_model *model, const pliant_body *b
     return status;
 }
 
-/* nodes by the bits of their corners to the order of VTK, whose hexahedra have their first four nodes below the last
- * four */
+/* Convert nodes from the order of corner bits to VTK's order, where the first four nodes are below the others. */
 static void order_hexahedron(const pliant_mesh *mesh, const int32_t node[8], int32_t out[8])
 {
     static const int right_handed[8] = {0, 1, 3, 2, 4, 5, 7, 6}, left_handed[8] = {0, 2, 3, 1, 4, 6, 7, 5};

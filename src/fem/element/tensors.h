@@ -1,4 +1,4 @@
-/* Stress, strain and shape of elements, for files of the mesh. */
+/* Stress, strain and shape of elements, for mesh files. */
 #ifndef PLIANT_FEM_ELEMENT_TENSORS_H
 #define PLIANT_FEM_ELEMENT_TENSORS_H
 
