@@ -61,7 +61,7 @@ def main():
     with open(sys.argv[1]) as file:
         mesh = json.loads(file.read(), strict=False)['DigiBreast']['ForwardMesh']
     let_go = 2.5
-    nodes = array(mesh['node']) * [let_go ** -0.5, -let_go ** -0.5, let_go]  # the nipple is at the front
+    nodes = array(mesh['node']) * [let_go ** -0.5, -let_go ** -0.5, let_go]  # the nipple is anterior
     elements = array(mesh['elem']).astype(int) - 1
     values = 100 * array(mesh['glandularity']['truth'])[:, 0]
     nodes = nodes - 0.5 * (nodes.min(0) + nodes.max(0))
