@@ -9,7 +9,7 @@
 
 /* ---- in a step */
 
-/* q = M' (x - base) */
+/* Compute q = M' (x - base). */
 static void amplitudes(pliant_basis *basis, const double *x)
 {
     size_t n = 3 * (size_t)basis->system.num_free;
@@ -77,10 +77,10 @@ typedef struct basis_builder {
     pliant_basis *basis;
     int32_t num_footholds;
     const pliant_foothold *footholds;
-    int32_t num_near, *near_element; /* of the fine system, ascending */
+    int32_t num_near, *near_element; /* elements of the fine system, ascending */
     uint8_t *still;                /* (near nodes) */
     uint8_t *is_own;               /* (near unknowns) */
-    pliant_linearized near;        /* the near part around the same state */
+    pliant_linearized near;        /* linearization of the near part around the same state */
     double *near_x;                /* (near nodes x 3) */
     pliant_tangent *tangents;
 } basis_builder;
@@ -95,7 +95,8 @@ static bool within(int32_t num_footholds, const pliant_foothold *footholds, cons
     return false;
 }
 
-/* nodes and elements within twice the radius; an element is when one of its corners is, or is held */
+/* Find the nodes and elements within twice the radius. An element belongs to it if one of its corners does, or if it is
+ * held. */
 static pliant_status near_elements(basis_builder *build, double radius)
 {
     const pliant_system *fine = build->fine;
@@ -170,8 +171,8 @@ static pliant_status own_nodes(basis_builder *build, double radius)
     return status == PLIANT_OK ? pliant_factor_analyze(&basis->inner.pattern, &basis->analyzed) : status;
 }
 
-/* The modes, made orthonormal on the near part's nodes that are not the patch's own (Gram and Schmidt, twice); those
- * that are combinations of others there are left out. */
+/* Orthonormalize the modes on the near part's nodes that are no own nodes (Gram-Schmidt, twice). Dependent modes are
+ * dropped. */
 static pliant_status orthonormal_modes(basis_builder *build, int32_t num_blocks, const double *const *blocks)
 {
     const double dependent = 1e-6;
@@ -216,7 +217,7 @@ static pliant_status orthonormal_modes(basis_builder *build, int32_t num_blocks,
     return PLIANT_OK;
 }
 
-/* A = E' (K - K_near) E */
+/* Compute A = E' (K - K_near) E. */
 static pliant_status far_stiffness(basis_builder *build)
 {
     pliant_basis *basis = build->basis;
@@ -243,7 +244,7 @@ static pliant_status far_stiffness(basis_builder *build)
     return status;
 }
 
-/* the first numbers, at the exact tangent where that is positive definite */
+/* Compute the first reduction, at the exact tangent if that is positive definite. */
 static pliant_status first_numbers(basis_builder *build)
 {
     pliant_system *system = &build->basis->system;
@@ -315,8 +316,8 @@ static double factor_operations(pliant_basis_size size)
 double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size)
 {
     double modes = (double)PLIANT_RESPONSE_MODES * size.blocks;
-    /* a product a mode, and for every two modes: a scalar product and, twice, a difference; then the reduction
-     * (reduction.c) */
+    /* A product per mode; for every two modes a scalar product and two differences; then the reduction
+     * (reduction.c). */
     double fields = 2 * modes * pliant_response_force_operations(fine) + 4 * modes * modes * 3 * fine->num_free;
     double images = (pliant_reduction_element_operations(fine) / fine->num_free + 12 * modes) * modes * size.near;
     return fields + images + factor_operations(size) + 4 * modes * factor_numbers(size);
@@ -324,7 +325,7 @@ double pliant_basis_operations(const pliant_system *fine, pliant_basis_size size
 
 double pliant_basis_bytes(const pliant_system *fine, pliant_basis_size size)
 {
-    const double factors = 3; /* the basis's own, one in use, one in the making; in double and single precision */
+    const double factors = 3; /* the basis's own, one in use, one in progress; in double and single precision */
     double fields = (double)PLIANT_RESPONSE_MODES * size.blocks * 3 * fine->num_free * (double)sizeof(double);
     return fields + factors * factor_numbers(size) * (double)(sizeof(double) + sizeof(float));
 }

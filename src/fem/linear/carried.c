@@ -30,7 +30,8 @@ static int32_t place_of(const pliant_system *system, int32_t node)
     return fine < 0 ? -1 : system->fine->lattice_of_node[fine];
 }
 
-/* The cell of the fine lattice that an element lies in; -1: it is a coarse one. whole: it is a hexahedron */
+/* Return the cell of the fine lattice that contains an element; -1: a coarse element. whole: out: it is a
+ * hexahedron. */
 static int32_t cell_of(const pliant_system *system, int32_t element, bool *whole)
 {
     const pliant_graded *graded = system->graded;
@@ -78,10 +79,10 @@ pliant_status pliant_carried_layout_create(const pliant_system *system, pliant_c
     return PLIANT_OK;
 }
 
-/* Unknowns whose source is shared or missing; *lost: some of the base's are nobody's source. */
+/* Mark unknowns whose source is shared or missing. lost: out: some unknowns of the base are no source. */
 static pliant_status open_copies(int32_t num_free, int32_t base_free, const int32_t *source, uint8_t *opened, bool *lost)
 {
-    int32_t *first = pliant_calloc((size_t)base_free, sizeof *first); /* that takes after it, + 1 */
+    int32_t *first = pliant_calloc((size_t)base_free, sizeof *first); /* first unknown with this source, + 1 */
     if (!first) return pliant_fail_memory("the preconditioner");
     for (int32_t f = 0; f < num_free; f++) {
         opened[f] = source[f] < 0 || first[source[f]] > 0;
@@ -115,8 +116,8 @@ static pliant_status open_closed(const pliant_system *system, const pliant_carri
     return status;
 }
 
-/* Corners of hexahedra and tetrahedra in cubes of the base that have other ones now, whole or in parts; not of
- * tetrahedra where there was no hexahedron. */
+/* Mark the corners of elements in cubes whose hexahedra were split or restored. Cubes without a hexahedron before and
+ * after are skipped. */
 static pliant_status open_divided(const pliant_system *system, const uint8_t *cube, uint8_t *opened)
 {
     const pliant_macros *macros = system->macros;

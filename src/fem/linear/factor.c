@@ -9,19 +9,19 @@
 #include <string.h>
 
 struct pliant_factor {
-    cholmod_common common; /* one a factor: factors are used by different threads */
+    cholmod_common common; /* one per factor, since different threads use them */
     cholmod_factor *cholesky;
     int32_t size;          /* scalar unknowns */
     bool in_double;        /* no panels */
-    int *column_start, *row; /* (size + 1), (values): the pattern in CHOLMOD's form, int indices */
+    int *column_start, *row; /* (size + 1), (values): the pattern in CHOLMOD's format, int indices */
     cholmod_dense *solution, *workspace, *workspace_sparse;
-    pliant_panels panels;  /* the numbers again, where the factor is supernodal; empty: CHOLMOD solves */
-    pliant_reach reach;    /* of pliant_factor_reach; empty: never asked for */
+    pliant_panels panels;  /* copy of the values if the factor is supernodal; empty: CHOLMOD solves */
+    pliant_reach reach;    /* of pliant_factor_reach; empty: not used yet */
 };
 
-/* CHOLMOD calls BLAS, from the stepping and from the factoring thread at once. OpenBLAS built for one thread is not
- * safe for that (results change from run to run): its calls are then made one at a time. Built for threads it is safe,
- * and does best with one each, since Pliant's own threads fill the machine. */
+/* Concurrent calls of BLAS: CHOLMOD calls it from the stepping thread and the factoring thread. OpenBLAS built for one
+ * thread is not safe for concurrent calls (results change from run to run), so its calls are serialized. OpenBLAS built
+ * for threads is safe. It gets one thread, since Pliant's own threads use all cores. */
 extern int openblas_get_parallel(void) __attribute__((weak));
 extern void openblas_set_num_threads(int threads) __attribute__((weak));
 
@@ -115,7 +115,7 @@ static pliant_factor *factor_new(int32_t size, size_t values)
 
 static pthread_mutex_t metis_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* columns of 3 x 3 blocks in a given order */
+/* Order the columns of 3 x 3 blocks as given. */
 static pliant_status order_as(pliant_factor *factor, const int32_t *order)
 {
     cholmod_sparse view = view_of(factor, NULL);
@@ -131,12 +131,13 @@ static pliant_status order_as(pliant_factor *factor, const int32_t *order)
     return from_cholmod(factor, "symbolic factorization");
 }
 
-/* The better one of two orderings, as CHOLMOD chooses: minimum degree, and where that fills in much, METIS. METIS draws
- * from C's rand() and sets signal handlers of the process: two at a time would make other orderings from run to run,
- * and leave its handlers. */
+/* Choose the better of two orderings, as CHOLMOD does: minimum degree, and METIS if that causes much fill-in. METIS
+ * uses C's rand() and sets signal handlers of the process. Two concurrent calls would change orderings from run to run,
+ * and leave the handlers installed. */
 static pliant_status find_order(pliant_factor *factor)
 {
-    const double operations = 500, fill = 5; /* a number of the factor, a number of the matrix */
+    const double operations = 500, fill = 5; /* operations per value of the factor, values of the factor per value of
+                                              * the matrix */
     cholmod_sparse view = view_of(factor, NULL);
     cholmod_common *common = &factor->common;
     common->nmethods = 1;
@@ -193,7 +194,7 @@ static pliant_supernodes supernodes_of(const pliant_factor *factor)
                                .permutation = l->Perm, .value = l->x};
 }
 
-/* to single precision; nothing to do where CHOLMOD made no supernodes */
+/* Copy the values to single precision, if CHOLMOD made supernodes. */
 static pliant_status fill_panels(pliant_factor *factor)
 {
     if (factor->in_double || !factor->cholesky->is_super || !factor->cholesky->x) return PLIANT_OK;

@@ -27,7 +27,8 @@ static pliant_status make_room(pliant_half *half, int32_t length)
 pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *of, pliant_reach *reach, int32_t node, pliant_half *out)
 {
     int32_t first = reach->of[3 * node];
-    for (int d = 1; d < 3; d++) first = reach->of[3 * node + d] < first ? reach->of[3 * node + d] : first; /* the others are eliminated later: it is tied to them */
+    /* The first unknown is eliminated into the supernodes of the others. */
+    for (int d = 1; d < 3; d++) first = reach->of[3 * node + d] < first ? reach->of[3 * node + d] : first;
     pliant_status status = make_room(out, reach->length[first]);
     if (status != PLIANT_OK) return status;
     out->supernode = first;
@@ -45,7 +46,7 @@ pliant_status pliant_half_find(pliant_panels *panels, const pliant_supernodes *o
     return PLIANT_OK;
 }
 
-/* a' b, and of three of each */
+/* Compute a' b of three vectors each. */
 PLIANT_VECTORIZED static void products(size_t count, const double *const a[3], const double *const b[3], double out[9])
 {
     double sum[9][LANES] = {{0}};

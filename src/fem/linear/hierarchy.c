@@ -1,11 +1,11 @@
-/* The levels of a multigrid: nested lattices, and how values go from one to the next. */
+/* The levels of a multigrid: nested lattices, and the transfer of values between them. */
 #include "base/fail.h"
 #include "fem/linear/hierarchy.h"
 #include "pliant/memory.h"
 
 #include <string.h>
 
-/* the box of a mesh as a geometry whose voxels are its cells */
+/* Return the box of a mesh as a geometry whose voxels are the mesh's cells. */
 static pliant_geometry box_of(const pliant_mesh *mesh)
 {
     pliant_geometry geometry;
@@ -19,7 +19,7 @@ static pliant_geometry box_of(const pliant_mesh *mesh)
     return geometry;
 }
 
-/* smallest factor that divides the cells along all axes; 0: none up to 8 */
+/* Return the smallest factor that divides the cells along all axes; 0: none up to 8. */
 static int32_t factor_of(const int32_t cells[3])
 {
     for (int32_t factor = 2; factor <= 8; factor++)
@@ -27,7 +27,7 @@ static int32_t factor_of(const int32_t cells[3])
     return 0;
 }
 
-/* coarse elements that hold something: tetrahedra, or whole cubes where elements are hexahedra */
+/* Build the coarse elements that are not empty: tetrahedra, or complete cubes for hexahedra. */
 static pliant_status coarser_mesh(const pliant_system *fine, int32_t factor, pliant_mesh *out)
 {
     const pliant_mesh *mesh = fine->mesh;
@@ -75,7 +75,7 @@ static int32_t corner_of(const pliant_system *system, int32_t element, int corne
     return system->macros ? system->macros->node[system->macros->start[element] + corner] : system->mesh->tets[4 * element + corner];
 }
 
-/* (nodes) a coarse element that holds each */
+/* Find a coarse element that contains each node: (nodes). */
 static void find_holders(const pliant_system *fine, const pliant_grid_level *level, const pliant_system *next, int32_t *holder)
 {
     double weights[8];
@@ -140,7 +140,7 @@ static pliant_status transpose(pliant_grid_level *level, int32_t num_fine, int32
     return PLIANT_OK;
 }
 
-/* both triangles by rows, for products with a vector */
+/* Build complete rows from both triangles, for products with a vector. */
 static pliant_status full_rows(const pliant_system *system, pliant_grid_level *level)
 {
     const pliant_pattern *pattern = &system->pattern;
@@ -191,7 +191,7 @@ pliant_hierarchy *pliant_hierarchy_retain(pliant_hierarchy *hierarchy)
 void pliant_hierarchy_free(pliant_hierarchy *hierarchy)
 {
     if (!hierarchy || __atomic_sub_fetch(&hierarchy->holders, 1, __ATOMIC_ACQ_REL) > 0) return;
-    /* the finest system belongs to the model */
+    /* The finest system belongs to the model. */
     memset(&hierarchy->level[0].system, 0, sizeof hierarchy->level[0].system);
     for (int l = 0; l < hierarchy->num_levels; l++) level_free(hierarchy->level + l);
     pliant_factor_free(hierarchy->factor);
@@ -207,7 +207,7 @@ static pliant_status next_of_lattice(const pliant_system *fine, int32_t factor, 
     return status == PLIANT_OK ? link_elements(fine, factor, level, &next->system) : status;
 }
 
-/* The level above a graded system is in the coarse lattice. */
+/* Build the level above a graded system, in the coarse lattice. */
 static pliant_status next_of_fragments(const pliant_system *finest, int32_t factor, pliant_grid_level *level, pliant_grid_level *next)
 {
     int32_t cells[3];
@@ -255,8 +255,8 @@ pliant_status pliant_hierarchy_create(const pliant_system *system, bool fragment
 
 double pliant_hierarchy_operations(const pliant_hierarchy *hierarchy)
 {
-    /* Galerkin products of 16 block pairs an element (of hexahedra twice 216, and their stiffness from its root), a
-     * dozen products with the matrix for its largest eigenvalue */
+    /* Galerkin products of 16 pairs of blocks per element (for hexahedra twice 216, and their stiffness from its root);
+     * a dozen products with the matrix for its largest eigenvalue. */
     double sum = pliant_factor_operations(hierarchy->factor);
     for (int l = 0; l + 1 < hierarchy->num_levels; l++) {
         const pliant_system *system = &hierarchy->level[l].system;

@@ -1,5 +1,4 @@
-/* From a level of a hierarchy to the next coarser one: where its cells lie there, and what its nodes take from
- * there. */
+/* Relations between a level of a hierarchy and the next coarser one: cells and interpolation weights. */
 #include "fem/linear/hierarchy.h"
 
 #include <string.h>

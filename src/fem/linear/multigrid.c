@@ -8,21 +8,21 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Chebyshev steps before and after, and the part of the spectrum that they damp (test/bench/bench_budget: three and a
- * tenth need the fewest evaluations for the time) */
+/* SMOOTHING_STEPS: Chebyshev steps before and after; test/bench/bench_budget compares them. */
 enum { SMOOTHING_STEPS = 2, POWER_STEPS = 12 };
 /* Maximum number of corners of an element of the finest level, next to a cut (coarse/graded.c). */
 enum { MOST_CORNERS = 64 };
+/* spectrum_share: fraction of the spectrum that the smoother leaves to coarser levels. */
 static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 
-/* numbers of one level */
+/* Values of one level. */
 typedef struct level_values {
-    pliant_system system;       /* view of the hierarchy's, with this one's stiffness and threads */
-    double *stiffness;          /* (elements x 144, of hexahedra x 576) Galerkin products; levels below the finest */
+    pliant_system system;       /* view of the hierarchy's system, with this multigrid's stiffness and threads */
+    double *stiffness;          /* (elements x 144, hexahedra x 576) Galerkin products; below the finest level */
     pliant_tangent *tangents;   /* unturned, for those */
-    float *blocks;              /* (row entries x 9, and 3 more), each by columns */
+    float *blocks;              /* (row entries x 9, and 3 more), each column-major */
     float *inverse;             /* (num_free x 9) inverted diagonal blocks */
-    double largest;             /* eigenvalue of inverse times matrix */
+    double largest;             /* largest eigenvalue of the inverted diagonal times the matrix */
     float *x, *right, *residual, *step; /* (3 num_free) */
 } level_values;
 
@@ -105,7 +105,7 @@ void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
 
 /* ---- the matrices */
 
-/* P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero */
+/* Compute P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero. */
 static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t tet, double out[144])
 {
     const pliant_system *system = &fine->system;
@@ -133,7 +133,7 @@ static void galerkin(const pliant_grid_level *grid, const level_values *fine, co
     }
 }
 
-/* blocks of the column of one corner, counted from its element's first one */
+/* Compute the blocks of one corner's column, relative to its element's first corner. */
 static void element_column(const pliant_system *system, const pliant_tangent *tangents, const double *whole, int32_t corner, int v, double *blocks)
 {
     if (system->macros) pliant_macro_column(system, tangents, corner, blocks);
@@ -142,7 +142,7 @@ static void element_column(const pliant_system *system, const pliant_tangent *ta
             for (int m = 0; m < 9; m++) blocks[9 * u + m] = whole[12 * (3 * u + m / 3) + 3 * v + m % 3];
 }
 
-/* the same of a coarse hexahedron: first P' K of one corner, then what that corner gives to the coarse ones */
+/* Compute the same for a coarse hexahedron: P' K of one corner first, then its contributions to the coarse corners. */
 static void galerkin_cube(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t cube, double out[576])
 {
     const pliant_system *system = &fine->system;
@@ -203,7 +203,7 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* of hexahedra; a block (row, column) by columns is the block (column, row) by rows */
+/* Fill a row from hexahedra. A column-major block (row, column) equals the row-major block (column, row). */
 static void fill_row(const pliant_grid_level *grid, level_values *level, const pliant_tangent *tangents, int32_t row)
 {
     const pliant_system *system = &level->system;
@@ -240,7 +240,7 @@ static void fill_rows(const pliant_grid_level *grid, level_values *level, const 
 
 /* ---- products with them */
 
-enum { ROWS = 64 }; /* that a thread takes at a time */
+enum { ROWS = 64 }; /* per thread and work item */
 typedef float float4 __attribute__((vector_size(16)));
 
 static inline float4 load4(const float *from)
@@ -250,8 +250,8 @@ static inline float4 load4(const float *from)
     return out;
 }
 
-/* rows [first, end) of right - A x, or A x without right; a block's columns are loaded with one number too many, which
- * nothing looks at */
+/* Compute rows [first, end) of right - A x, or of A x without right. A block's columns are loaded with one extra
+ * number, which is not used. */
 PLIANT_VECTORIZED static void apply_rows(const int32_t *row_start, const int32_t *columns, const float *blocks, const float *right, const float *x,
                                          float *out, int32_t first, int32_t end)
 {
@@ -276,7 +276,7 @@ static void apply(const pliant_grid_level *grid, const level_values *level, cons
         apply_rows(grid->row_start, grid->column, level->blocks, right, x, out, first, first + ROWS < count ? first + ROWS : count);
 }
 
-/* step = a * step + b * D^-1 residual */
+/* Compute step = a * step + b * D^-1 residual. */
 static void scaled_step(const level_values *level, float a, float b, const float *residual, float *step)
 {
 #pragma omp parallel for schedule(static) num_threads(level->system.num_threads)
@@ -356,7 +356,7 @@ const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid) { ret
 
 /* ---- the cycle */
 
-/* Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3) */
+/* Run Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3). */
 static void smooth(const pliant_grid_level *grid, level_values *level, const float *right, bool from_zero)
 {
     size_t n = 3 * (size_t)level->system.num_free;
@@ -422,7 +422,7 @@ static pliant_status cycle(pliant_multigrid *multigrid, int l)
     return PLIANT_OK;
 }
 
-/* In single precision; scaled, so that small forces do not fall out of its range. */
+/* The computation is in single precision. Scaling keeps small forces within its range. */
 pliant_status pliant_multigrid_solve(pliant_multigrid *multigrid, const double *right, double *out)
 {
     level_values *level = multigrid->level;

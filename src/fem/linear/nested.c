@@ -48,8 +48,7 @@ pliant_status pliant_nested_places(pliant_grid_level *level)
     return PLIANT_OK;
 }
 
-/* parent: in: (elements) the cell of each in the next lattice; out: its component there, or -1 where nothing of it
- * moves */
+/* Find connected components of the elements in each cell of the next lattice. */
 static int32_t find_components(const pliant_system *fine, int32_t *parent, int32_t *component)
 {
     const int32_t elements = pliant_level_elements(fine), *nodes = pliant_element_nodes(fine);
@@ -104,8 +103,8 @@ static int32_t place_of(const int32_t cells[3], int32_t cell, int corner)
     return i + (cells[0] + 1) * (j + (cells[1] + 1) * k);
 }
 
-/* Corners that one node leans on in several elements are the same nodes. node: (8 a element) which of them it is the
- * same as */
+/* Join corner nodes of different elements that interpolate the same node. node: (8 per element) the joined node of each
+ * corner. */
 static void share_corners(const pliant_system *fine, const pliant_grid_level *level, const pliant_grid_level *next, int32_t *node)
 {
     const int32_t *cells = next->mesh.cells;

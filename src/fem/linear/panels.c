@@ -57,8 +57,8 @@ static inline __attribute__((always_inline)) double product(int count, const flo
     return rest;
 }
 
-/* y: the supernode's own unknowns, then the rows below: L y_own = y_own, y_below -= L_below y_own; four columns at a
- * time below */
+/* Apply L^-1 of one supernode. y: its own unknowns, then the rows below: L y_own = y_own, y_below -= L_below y_own.
+ * Four columns are processed at a time below. */
 PLIANT_VECTORIZED static void forward(int columns, int rows, const float *panel, double *y)
 {
     for (int c = 0; c < columns; c++) {
@@ -75,7 +75,7 @@ PLIANT_VECTORIZED static void forward(int columns, int rows, const float *panel,
     for (; c < columns; c++) subtract(rows - columns, y[c], panel + (size_t)c * (size_t)rows + columns, y + columns);
 }
 
-/* L' y_own = y_own - L_below' y_below */
+/* Solve L' y_own = y_own - L_below' y_below. */
 PLIANT_VECTORIZED static void backward(int columns, int rows, const float *panel, double *y)
 {
     for (int c = columns - 1; c >= 0; c--) {
@@ -177,7 +177,7 @@ void pliant_reach_mark(pliant_reach *reach, const pliant_supernodes *of, int32_t
         if (reach->marked[s]) reach->supernode[reach->count++] = s;
 }
 
-/* x of the reach's columns, to zero or from another */
+/* Set x of the reach's columns to zero, or copy it. */
 static void set_reach(const pliant_reach *reach, const pliant_supernodes *of, const double *from)
 {
     for (int32_t i = 0; i < reach->count; i++) {

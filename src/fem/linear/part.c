@@ -19,7 +19,8 @@ static pliant_status take_tets(const pliant_system *whole, int32_t count, const 
     if (whole->grounded) out->grounded = pliant_calloc(blocks, LANES * sizeof *out->grounded);
     if (!mesh->tets || !out->gradients || !out->lame || (whole->stiffness && !out->stiffness) || (whole->grounded && !out->grounded)) return no_memory();
     mesh->num_tets = count;
-    for (int32_t e = 0; e < out->num_blocks * LANES; e++) { /* the last one again, without stiffness, as in elements.c */
+    for (int32_t e = 0; e < out->num_blocks * LANES; e++) { /* padding repeats the last element without stiffness, as in
+                                                             * elements.c */
         const int32_t at = e < count ? e : count - 1, t = element[at];
         for (int m = 0; m < 12; m++) out->gradients[e / LANES][m][e % LANES] = whole->gradients[t / LANES][m][t % LANES];
         if (e != at) continue;

@@ -1,4 +1,4 @@
-/* The pattern and values of the matrix. */
+/* Pattern and values of the stiffness matrix. */
 #include "base/fail.h"
 #include "fem/system.h"
 #include "pliant/memory.h"
@@ -9,7 +9,7 @@ typedef struct pair {
     int32_t row, column, term;
 } pair;
 
-/* every (row, column) of the lower triangle that an element fills */
+/* List every (row, column) of the lower triangle with an element's contribution. */
 static int32_t list_pairs(const pliant_system *system, pair *pairs)
 {
     const pliant_mesh *mesh = system->mesh;
@@ -24,7 +24,7 @@ static int32_t list_pairs(const pliant_system *system, pair *pairs)
     return count;
 }
 
-/* stable counting sort by row or column */
+/* Sort stably by row or column (counting sort). */
 static void sort_pairs(const pair *in, pair *out, int32_t count, bool by_column, int32_t *start, int32_t num_keys)
 {
     memset(start, 0, ((size_t)num_keys + 1) * sizeof *start);
@@ -60,7 +60,7 @@ static pliant_status fill_pattern(pliant_pattern *pattern, const pair *pairs, in
     }
     pattern->term_start[blocks] = count;
     pattern->num_blocks = blocks;
-    /* a diagonal block has 6 numbers in the lower triangle, any other 9 */
+    /* A diagonal block has 6 numbers in the lower triangle, any other block has 9. */
     pattern->num_values = 9 * (int64_t)blocks - 3 * (int64_t)pattern->num_columns;
     return PLIANT_OK;
 }

@@ -7,15 +7,15 @@
 
 #include <string.h>
 
-/* Above this many free nodes a V-cycle is cheaper than the two triangular solves (test/bench/bench_budget,
- * bench_elements); a factor of hexahedra has twice the numbers (NUMERICS.md). */
+/* Maximum number of free nodes for a factor. Above it, a V-cycle is faster than the two triangular solves
+ * (test/bench/bench_budget, bench_elements). A factor of hexahedra has twice as many values (NUMERICS.md). */
 enum { LARGEST_DIRECT = 8000, LARGEST_DIRECT_HEXAHEDRA = 4000, COARSEST = 1000 };
-/* Where cuts have gone fragments on the coarser levels are as thin as they like: a level less (NUMERICS.md); and how
- * many times fewer unknowns a factor near cuts has. */
+/* At cuts, fragments on coarser levels can be very thin, so the hierarchy has one level less (NUMERICS.md). FEWER_NEAR:
+ * minimum ratio of all unknowns to the unknowns near cuts, for a local factor. */
 enum { COARSEST_OF_FRAGMENTS = 8000, FEWER_NEAR = 4 };
 
 struct pliant_preconditioner {
-    pliant_system system;      /* a view of the constant system, with this one's number of threads */
+    pliant_system system;      /* view of the constant system, with this preconditioner's number of threads */
     pliant_factor *factor;     /* direct */
     double *values;            /* (pattern.num_values) work array for the matrix; direct */
     pliant_hierarchy *hierarchy; /* shared by clones */
@@ -223,7 +223,7 @@ static pliant_status solve_carried(pliant_carried *carried, const double *right,
     return status == PLIANT_OK ? pliant_carried_extend(carried, out) : status;
 }
 
-/* S + E V E', E = I - S K */
+/* Apply S + E V E', E = I - S K. */
 static pliant_status solve_layered(pliant_preconditioner *preconditioner, const double *right, double *out)
 {
     if (!preconditioner->near) return pliant_multigrid_solve(preconditioner->multigrid, right, out);
@@ -273,7 +273,8 @@ double pliant_preconditioner_operations(const pliant_preconditioner *preconditio
     return pliant_factor_operations(preconditioner->factor) + (preconditioner->system.macros ? pliant_macro_operations(&preconditioner->system) : 0);
 }
 
-/* A factor: a product and a sum a number, forwards and back. A V-cycle: some twelve products with the matrix. */
+/* Factor: one multiplication and addition per value, forward and backward. V-cycle: about twelve products with the
+ * matrix. */
 double pliant_preconditioner_apply_operations(const pliant_preconditioner *preconditioner)
 {
     if (preconditioner->carried) return pliant_preconditioner_apply_operations(preconditioner->carried->base);

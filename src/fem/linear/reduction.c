@@ -1,4 +1,4 @@
-/* The numbers of a basis at one state. */
+/* Values of a basis at one state. */
 #include "base/fail.h"
 #include "base/dense.h"
 #include "fem/linear/basis.h"
@@ -49,7 +49,7 @@ void pliant_reduction_free(pliant_reduction *reduction)
     pliant_free(reduction);
 }
 
-/* Q = K_near E + M A */
+/* Compute Q = K_near E + M A. */
 static void images(const pliant_basis *basis, const pliant_tangent *tangents, double *image)
 {
     const pliant_system *system = &basis->system;
@@ -79,7 +79,7 @@ static void images(const pliant_basis *basis, const pliant_tangent *tangents, do
         }
 }
 
-/* S = E'Q - Q_p' K_pp^-1 Q_p */
+/* Compute S = E'Q - Q_p' K_pp^-1 Q_p. */
 static pliant_status schur_complement(const pliant_basis *basis, pliant_reduction *reduction)
 {
     size_t n = 3 * (size_t)basis->system.num_free, own = 3 * (size_t)basis->num_own, count = (size_t)basis->num_modes;

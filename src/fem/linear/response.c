@@ -50,14 +50,14 @@ void pliant_linearized_forces(pliant_linearized *linearized, const double *u, do
     pliant_system_gather(system, linearized->element_forces, out);
 }
 
-/* the largest displacement of a difference quotient, in smallest edges of a cell */
+/* Return the largest displacement in a difference quotient. share: as a fraction of a cell's shortest edge. */
 static double step_of(const pliant_system *system, double share)
 {
     const double *size = system->mesh->cell_size;
     return share * fmin(size[0], fmin(size[1], size[2]));
 }
 
-/* By the central difference: exact to the square of the step, and no matrix is held. */
+/* Use a central difference: its error is of second order, and no matrix is stored. */
 void pliant_linearized_product(pliant_linearized *linearized, const double *v, double *room, double *out)
 {
     size_t n = 3 * (size_t)linearized->system.num_free;
@@ -75,8 +75,8 @@ void pliant_linearized_product(pliant_linearized *linearized, const double *v, d
     for (size_t i = 0; i < n; i++) out[i] = (out[i] - minus[i]) / (2 * step);
 }
 
-/* K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). A direction without stiffness ends
- * it: the state need not be one of equilibrium. work: (5 x n) */
+/* Solve K v = right by preconditioned conjugate gradients (Golub and Van Loan, 11.5.2). Stop at a direction without
+ * stiffness: the state may be no equilibrium. work: (5 x n). */
 static pliant_status solve(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const double *right, double *work,
                            double *v)
 {
@@ -142,7 +142,7 @@ static void room_free(solve_room *room)
     pliant_free(room->right);
 }
 
-/* -K^-1 f''(a, b), whose largest displacements are at most `most` */
+/* Compute -K^-1 f''(a, b), whose largest displacement is limited to `most`. */
 static pliant_status derivative(pliant_linearized *linearized, pliant_preconditioner *preconditioner, const solve_room *room,
                                 const double *a, const double *b, double most, double *out)
 {

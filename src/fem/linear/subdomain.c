@@ -71,7 +71,7 @@ int32_t pliant_subdomain_inner(const pliant_system *system, int32_t rings, uint8
     return count;
 }
 
-/* the elements that an inner unknown has a corner of, and their nodes */
+/* Find the elements with an inner unknown as a corner, and their nodes. */
 static pliant_status find_elements(builder *build)
 {
     const pliant_system *whole = build->whole;
@@ -220,7 +220,7 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
 
 /* ---- in a step */
 
-/* from or to the axes in which the whole's vectors are */
+/* Rotate a vector to or from the axes of the whole system's vectors. */
 static void turn(const double *q, bool back, const double in[3], double out[3])
 {
     if (!q) {
@@ -232,7 +232,7 @@ static void turn(const double *q, bool back, const double in[3], double out[3])
 
 static const double *axes_of(const pliant_subdomain *subdomain, int32_t node) { return subdomain->axes ? subdomain->axes + 9 * (size_t)node : NULL; }
 
-/* y = K x on all nodes of the elements */
+/* Compute y = K x on all nodes of the elements. */
 static void multiply(pliant_subdomain *subdomain)
 {
     const pliant_system *system = &subdomain->system;

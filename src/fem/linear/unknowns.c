@@ -1,4 +1,4 @@
-/* Which nodes move, which element forces they gather, and what elements add to the matrix's diagonal. */
+/* Numbering of free nodes, gather lists of element forces, and contributions to the matrix's diagonal. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/system.h"
@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* whether the nodes that there were before move as they did */
+/* Return whether the fixed nodes among the earlier nodes are unchanged. */
 static bool same_fixed(const pliant_mesh *mesh, const uint8_t *fixed, const pliant_system *before)
 {
     int32_t differ = 0;
@@ -61,7 +61,7 @@ static pliant_status list_corners(pliant_system *system)
     return PLIANT_OK;
 }
 
-/* ---- of the next body: corners of tetrahedra that are kept stay in the lists */
+/* ---- After a cut: corners of kept tetrahedra stay in the lists. */
 
 typedef struct place {
     int32_t unknown, corner;
@@ -136,7 +136,7 @@ static int32_t list_relists(const pliant_system *before, const uint8_t *kept, co
     return lists;
 }
 
-/* in order, to where it is from now on */
+/* Merge a list in order at its new position. */
 static void merge(const pliant_system *before, const uint8_t *kept, const relist *one, const place *now, int32_t *corner)
 {
     int32_t n = one->begin;
@@ -165,7 +165,8 @@ static void fill_lists(pliant_system *system, const pliant_system *before, const
     }
 }
 
-/* Lists stay where they are unless they get longer; *done: not where gaps are more than lists. */
+/* Update the lists after a cut. A list keeps its position unless it gets longer. done: out: false if the gaps would be
+ * larger than the lists. */
 static pliant_status list_corners_next(pliant_system *system, const pliant_system *before, const uint8_t *kept, bool *done)
 {
     const size_t anew = 8 * (size_t)count_not_kept(kept, system->mesh->num_tets) + 1;

@@ -73,7 +73,7 @@ pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discre
 
 /* ---- holds */
 
-/* a hold and all responses that it is part of */
+/* Forget a hold and all responses that include it. */
 static void forget_hold(pliant_patch *patch, int tool)
 {
     patch_hold_free(patch->holds + tool);
@@ -189,14 +189,14 @@ static void start_at(const pliant_data *data, pliant_basis *basis, double *room,
     pliant_basis_project(basis, x);
 }
 
-/* The new basis takes over where the old one was, if it holds all that the old one still does; else it begins at the
+/* Start the new basis at the old one's state if it includes all remaining holds of the old one. Otherwise start at the
  * base. */
 static void take_over(pliant_patch *patch, pliant_data *data)
 {
     patch_job *job = &patch->job;
     bool goes_on = patch->basis != NULL;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) goes_on = goes_on && (!serves(data, t) || job->holds[t].hold == patch->holds[t].hold);
-    if (goes_on) start_at(data, job->basis, job->x, job->solver->now.x); /* the job is done with its x */
+    if (goes_on) start_at(data, job->basis, job->x, job->solver->now.x); /* the job does not need its x any more */
     basis_drop(patch, data);
     patch->basis = job->basis;
     patch->solver = job->solver;
@@ -251,7 +251,7 @@ static pliant_status deliver(pliant_patch *patch, pliant_data *data)
         }
         patch->serves[t] = patch->basis && patch_still_held(data, t, patch->holds[t].hold);
         if (!patch->serves[t]) continue;
-        pliant_solver_release(data->solver, t); /* the coarse model is rid of it */
+        pliant_solver_release(data->solver, t); /* released from the coarse model */
         data->tools[t].attached = false;
     }
     for (int t = 0; job->status == PLIANT_OK && t < PLIANT_MAX_TOOLS; t++)
@@ -272,7 +272,7 @@ static bool waits(const pliant_data *data, int tool)
     return hold && !(patch->serves[tool] && patch->holds[tool].hold == hold) && !patch_is_refused(patch, data, tool);
 }
 
-/* what pliant_patch_step goes back to when it fails */
+/* Store the state for a rollback of pliant_patch_step. */
 static void keep(pliant_patch *patch, const pliant_data *data)
 {
     const pliant_discretization *discretization = patch->discretization;
@@ -292,7 +292,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     free_before(patch);
     patch_find_presses(data);
     bool abandoned = is_abandoned(patch, data);
-    if (abandoned) atomic_store(&patch->stop, true); /* it ends by itself; nobody waits for that */
+    if (abandoned) atomic_store(&patch->stop, true); /* the thread ends later; no step waits for it */
     else if (patch->job.running && arrives(patch, data, PLIANT_TAKES_PATCH, data->statistics.step >= patch->job.due)) {
         pliant_status status = deliver(patch, data);
         if (status != PLIANT_OK) return status;
@@ -355,7 +355,7 @@ static void follow(pliant_patch *patch, const double *base)
     solver->loaded = true;
 }
 
-/* largest distance between two states */
+/* Return the largest distance of a node between two states. */
 static double largest_apart(int32_t nodes, const double *a, const double *b)
 {
     double most = 0;
@@ -372,7 +372,7 @@ static void restart(pliant_solver *solver)
     pliant_solver_moved(solver);
 }
 
-/* The coarse model and the patch are where they were before this step. */
+/* Restore the coarse model and the patch from before this step. */
 static void undo(pliant_patch *patch, pliant_data *data)
 {
     const pliant_discretization *discretization = patch->discretization;
@@ -380,7 +380,7 @@ static void undo(pliant_patch *patch, pliant_data *data)
     memcpy(data->positions, room->positions, 3 * (size_t)discretization->body->fine.num_nodes * sizeof *data->positions);
     memcpy(data->solver->now.x, room->coarse, 3 * (size_t)discretization->system->mesh->num_nodes * sizeof *room->coarse);
     start_at(data, patch->basis, room->positions, patch->solver->now.x);
-    patch->solver->loaded = false; /* the load is of the base */
+    patch->solver->loaded = false; /* the load belongs to the base */
     restart(data->solver);
     restart(patch->solver);
     for (int t = 0; t < data->num_tools; t++)

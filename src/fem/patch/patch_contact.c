@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#define OF_A_PRESS ((uint64_t)1 << 63) /* no hold of a tool has such a number */
+#define OF_A_PRESS ((uint64_t)1 << 63) /* larger than any number of a tool's hold */
 
 uint64_t patch_hold_of(const pliant_data *data, int tool)
 {
@@ -25,7 +25,8 @@ bool patch_still_held(const pliant_data *data, int tool, uint64_t hold)
 
 static double size_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-/* Where a tool presses, at rest. @return the sum of its forces [N]; -1: it is not near anything */
+/* Find the rest position at which a tool presses.
+ * @return Sum of its contact forces [N]; -1: it is near no tissue. */
 static double find_centre(const pliant_data *data, int tool, double centre[3])
 {
     double sum = -1;
@@ -60,7 +61,8 @@ void patch_find_presses(pliant_data *data)
         for (int d = 0; d < 3; d++) apart[d] = centre[d] - press->centre[d];
         if (press->hold && size_of(apart) < farther * patch->scene->model.patch) continue;
         if (press->hold && patch->job.running) continue; /* one after the other */
-        if (patch->serves[t] && press->hold) press->before = press->hold; /* until the next one is there */
+        /* Until the patch for the new press is ready. */
+        if (patch->serves[t] && press->hold) press->before = press->hold;
         press->hold = OF_A_PRESS | ++patch->num_presses;
         memcpy(press->centre, centre, sizeof centre);
     }
@@ -98,7 +100,7 @@ pliant_status patch_press_copy(const pliant_data *data, int tool, patch_hold *ou
     return PLIANT_OK;
 }
 
-/* ---- whose a point is */
+/* ---- Assignment of contact points. */
 
 static pliant_status reserve(pliant_patch *patch, const pliant_data *data)
 {

@@ -25,14 +25,15 @@ static pliant_basis_size size_of(const pliant_patch *patch, int32_t blocks)
     return pliant_basis_measure(patch->discretization->fine_system, patch->scene->model.patch, count, footholds, blocks);
 }
 
-/* whose fine system has a factor */
+/* Return the discretization whose fine system has a factor. */
 static const pliant_discretization *at_rest_of(const pliant_discretization *discretization)
 {
     return discretization->fine_system->preconditioner ? discretization : discretization->first;
 }
 
-/* Steps that a patch may take, of so many blocks of responses, some of which are still to be made: its operations at a
- * rate that a core of today has, so that the answer is the same everywhere and the step seldom waits. */
+/* Return the number of steps until a patch is installed, from its operations at a fixed rate of a typical core. The
+ * result is the same on every machine, and steps seldom wait. missing: responses to compute; all: responses in the
+ * basis. */
 static int32_t delay_of(const pliant_patch *patch, int missing, int all)
 {
     const double rate = 2e9;
@@ -100,7 +101,7 @@ static bool still_wanted(double fraction, const char *stage, void *user)
     return !atomic_load(&patch->stop);
 }
 
-/* The responses that are missing, all of them once more in the basis, and its factors. */
+/* Check that the missing responses, a copy of all responses in the basis, and the factors fit in memory. */
 static pliant_status check_memory(const pliant_patch *patch)
 {
     const double share = 0.5;
@@ -204,7 +205,7 @@ bool patch_is_refused(const pliant_patch *patch, const pliant_data *data, int to
     return patch->refused[tool] == patch_hold_of(data, tool) && data->statistics.step < patch->refused_until[tool];
 }
 
-/* what two tools do together matters where their near parts touch */
+/* Return whether the near parts of two tools touch, so that their interaction matters. */
 static bool touch(const patch_hold *a, const patch_hold *b, double radius)
 {
     double squares = 0;
@@ -212,7 +213,7 @@ static bool touch(const patch_hold *a, const patch_hold *b, double radius)
     return squares <= 16 * radius * radius;
 }
 
-/* Which responses are missing. Returns the steps that the patch is due in. */
+/* List the missing responses. Return the number of steps until the patch is due. */
 static int32_t list_wanted(pliant_patch *patch)
 {
     patch_job *job = &patch->job;

@@ -37,7 +37,7 @@ typedef struct patch_job {
 
 /* Work arrays of a step with a basis. */
 typedef struct patch_room {
-    double (*element_forces)[12][LANES]; /* of the near elements at the base */
+    double (*element_forces)[12][LANES]; /* element forces of the near elements at the base */
     double *positions, *coarse;          /* (3 fine nodes), (3 coarse nodes) state before the step, for rollback */
     double force[PLIANT_MAX_ROWS];       /* tool forces before the step */
 } patch_room;

@@ -75,7 +75,7 @@ static pliant_status carry_before_by_cell(const pliant_system *system, const pli
     return PLIANT_OK;
 }
 
-/* (num_free) unknown of the system before that each takes after; -1: none. NULL: out of memory */
+/* Return the earlier unknown of each unknown: (num_free); -1: none. NULL: out of memory. */
 static int32_t *unknowns_before(const pliant_system *system, const pliant_system *before, const int32_t *node)
 {
     int32_t *source = pliant_room((size_t)system->num_free, sizeof *source);
@@ -109,8 +109,8 @@ static pliant_status carry_axes(pliant_solver *solver, const pliant_solver *from
     return PLIANT_OK;
 }
 
-/* (num_free) unknown of the system that the preconditioner at hand, or its base, is of; same: nodes that take after
- * their own number */
+/* Return, for each unknown, the unknown in the system of the present preconditioner or its base: (num_free). same:
+ * nodes that keep their number. */
 static int32_t *sources_of(const pliant_system *system, const pliant_solver *from, const int32_t *node, int32_t same)
 {
     const pliant_system *before = from->system;

@@ -1,4 +1,4 @@
-/* One evaluation: forces, a solve, the merit of the state. */
+/* One evaluation: forces, preconditioned step, and merit of a state. */
 #include "base/dot.h"
 #include "fem/linear/basis.h"
 #include "fem/quasistatic/solver.h"
@@ -8,7 +8,7 @@
 
 enum { PRODUCT_PARTS = 32 };
 
-/* a . b over the unknowns, in parts that do not depend on the number of threads */
+/* The parts do not depend on the number of threads, so the sum is reproducible. */
 double pliant_solver_product(const pliant_solver *solver, const double *a, const double *b)
 {
     const size_t n = pliant_solver_unknowns(solver);
@@ -39,7 +39,8 @@ static void find_residual(const pliant_solver *solver, pliant_iterate *at)
             double squares = 0;
             for (int d = 0; d < 3; d++) {
                 double u = at->x[node + (size_t)d] - system->mesh->rest[node + (size_t)d];
-                double base = system->basis ? solver->load[3 * f + d] : 0; /* holds a patch where it does not move: not its tools' work */
+                /* The load that holds an undeformed patch, which is not work of its tools. */
+                double base = system->basis ? solver->load[3 * f + d] : 0;
                 work[p] += u * (at->residual[3 * f + d] - base);
                 elastic[p] += u * (at->elastic[3 * f + d] - base);
                 squares += u * u;
@@ -79,7 +80,7 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
     find_residual(solver, at);
     at->merit = INFINITY;
     const bool sensible = isfinite(at->scale) && at->displacement <= PLIANT_FARTHEST * solver->rules.smallest_displacement;
-    if (!sensible) return PLIANT_OK; /* not a state: never accepted */
+    if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
     const bool touches = pliant_touches_any(solver->touches);
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK
                            : touches                  ? pliant_touches_begin(solver, at)

@@ -29,7 +29,7 @@ void pliant_handle_pull(const pliant_handle *handle, const double force[3], doub
 
 void pliant_handle_load(const pliant_handle *handle, const double force[3], double *v) { add_by(handle, handle->block, force, v); }
 
-/* y = origin + W x, x over all nodes of the solved mesh */
+/* Compute y = origin + W x. x: all nodes of the solved mesh. */
 static void held_point(const pliant_solver *solver, const pliant_handle *handle, const double *x, double out[3])
 {
     memcpy(out, handle->origin, 3 * sizeof *out);
@@ -47,7 +47,7 @@ static void free_arrays(pliant_handle *handle)
     pliant_free(handle->response);
 }
 
-/* its response, when it is asked for */
+/* Allocate the weights of a handle; the response is allocated on demand. */
 static pliant_status allocate(pliant_handle *handle)
 {
     handle->unknown = pliant_calloc((size_t)handle->count, sizeof *handle->unknown);
@@ -101,8 +101,7 @@ void pliant_solver_turned(pliant_solver *solver)
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) pliant_handle_turn(solver->handles + t, solver->rotations);
 }
 
-/* W where the fine nodes are solved themselves: by unknown, each once. A node's weight is a multiple of the unit
- * matrix. */
+/* A held unknown, if the fine mesh is the solved mesh. Its weight is a multiple of the unit matrix. */
 typedef struct held_unknown {
     int32_t unknown, order;
     double weight;

@@ -6,9 +6,9 @@
 
 #include <string.h>
 
-enum { MOST_ROWS = 600 }; /* beyond, a dense factor takes longer than the step that it is for */
+enum { MOST_ROWS = 600 }; /* with more rows, a dense factor would take longer than the step */
 
-/* rows of A: points', in the order of the list, then the tools' */
+/* Fill A: rows of points in the order of the list, then rows of the tools. */
 static void fill_matrix(const pliant_solver *solver, pliant_held *held, const double *springs)
 {
     const pliant_touches *touches = solver->touches;
@@ -21,7 +21,7 @@ static void fill_matrix(const pliant_solver *solver, pliant_held *held, const do
             held->factor[r * rows + c] = whole > 0 ? touches->matrix[(r < points ? from : base + from) * whole + (c < points ? to : base + to)] : springs[from * rows + to];
             if (r == c) largest = fmax(largest, held->factor[r * rows + c]);
         }
-    const double rounding = 1e-9; /* points that share their nodes say the same twice */
+    const double rounding = 1e-9; /* points with the same nodes have equal rows */
     for (size_t r = 0; r < points; r++) held->factor[r * rows + r] += rounding * largest;
 }
 

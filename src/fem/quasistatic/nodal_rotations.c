@@ -15,7 +15,8 @@ pliant_status pliant_nodal_rotations_create(const pliant_system *system, pliant_
     if (system->stiffness || system->basis || (system->macros && !system->macros->shear)) return PLIANT_OK;
     pliant_nodal_rotations *rotations = pliant_calloc(1, sizeof *rotations);
     if (rotations) {
-        rotations->rotation = pliant_room((size_t)system->num_free, 9 * sizeof *rotations->rotation); /* written when they refer, and turn */
+        /* Written by refer and by update. */
+        rotations->rotation = pliant_room((size_t)system->num_free, 9 * sizeof *rotations->rotation);
         rotations->before = pliant_room((size_t)system->num_blocks, sizeof *rotations->before);
         rotations->product = pliant_room((size_t)system->num_blocks, sizeof *rotations->product);
     }
@@ -67,7 +68,7 @@ PLIANT_VECTORIZED static void multiply(const pliant_system *system, int32_t bloc
                                                 f[3 * r + 2][l] * before[3 * c + 2][l]);
 }
 
-/* the same of a hexahedron */
+/* Compute the same for a hexahedron. */
 static void deformation_of_macro(const pliant_system *system, int32_t element, const double *positions, double f[9])
 {
     const pliant_macros *macros = system->macros;

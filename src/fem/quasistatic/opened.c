@@ -34,7 +34,7 @@ static double longest(const pliant_solver *solver, const double *v)
     return sqrt(most);
 }
 
-/* x + share v, v in the nodes' own axes, to the trial */
+/* Write x + share v to the trial. v: in the nodes' axes. */
 static void place_trial(pliant_solver *solver, const double *v, double share)
 {
     const pliant_system *system = solver->system;
@@ -46,7 +46,7 @@ static void place_trial(pliant_solver *solver, const double *v, double share)
     }
 }
 
-/* out = K v, both in the nodes' own axes; false: v is nothing */
+/* Compute out = K v, both in the nodes' axes. Return false if v is zero. */
 static bool multiply(pliant_solver *solver, const double *v, double *out)
 {
     const double share = pliant_opened_difference(solver->rules.smallest_displacement, longest(solver, v));
@@ -60,7 +60,7 @@ static bool multiply(pliant_solver *solver, const double *v, double *out)
     return true;
 }
 
-/* forces = forces + share * other */
+/* Add share * other to forces. */
 static void add_forces(const pliant_held *held, double share, const pliant_held_forces *other, pliant_held_forces *forces)
 {
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) forces->tool[r] += share * other->tool[r];
@@ -149,7 +149,7 @@ static pliant_status find_step(pliant_solver *solver, newton_step *found, int32_
     return PLIANT_OK;
 }
 
-/* Contacts' forces after a share of the step, within their cones. */
+/* Set the contact forces after a fraction of the step, within their friction cones. */
 static void take_points(pliant_solver *solver, const newton_step *found, double share)
 {
     pliant_touches *touches = solver->touches;
@@ -167,7 +167,7 @@ static void take_points(pliant_solver *solver, const newton_step *found, double 
     }
 }
 
-/* How fast the potential energy falls along the way where it has led to. */
+/* Return the decrease of the potential energy along the step at its present end. */
 static double slope_at(pliant_solver *solver, const double *way)
 {
     double *left = solver->trial.residual;
@@ -217,7 +217,7 @@ static pliant_status respond_in_axes(pliant_solver *solver)
     return status;
 }
 
-/* The state is Newton's, and the axes are of it. */
+/* Take the Newton step and rotate the axes along it. */
 static pliant_status take_step(pliant_solver *solver, const newton_step *found)
 {
     const double length = longest(solver, found->way) / solver->rules.smallest_displacement, share = pliant_opened_share(length);

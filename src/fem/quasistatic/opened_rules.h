@@ -1,4 +1,4 @@
-/* The rules of the first step after a cut (opened.c), for the CPU and for the GPU's cuda/fem/quasistatic/open.cu. */
+/* Rules of the first step after a cut, shared by the CPU (opened.c) and the GPU (cuda/fem/quasistatic/open.cu). */
 #ifndef PLIANT_FEM_QUASISTATIC_OPENED_RULES_H
 #define PLIANT_FEM_QUASISTATIC_OPENED_RULES_H
 

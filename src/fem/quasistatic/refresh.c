@@ -25,13 +25,13 @@ struct pliant_refresh {
     pthread_t thread;
     bool running;
     void (*work)(pliant_refresh *);
-    bool in_thread;             /* false: no thread could be had, the work was done at once */
+    bool in_thread;             /* false: the thread could not be created, and the work was done immediately */
     atomic_bool finished;
-    pliant_account *account;    /* of the simulation that it works for */
+    pliant_account *account;    /* account of its simulation */
     uint64_t started, due;      /* steps */
     bool wanted;                /* the present factor has converged slowly since the last start */
     const pliant_discretization *of; /* Nullable: discretization that contains the system; retained */
-    pliant_system system;       /* a copy of the constant system, one thread */
+    pliant_system system;       /* copy of the constant system, with one thread */
     /* (nodes of the solver's mesh) node of this system from before a cut; NULL: the nodes are equal. */
     int32_t *source;
     int32_t *order;             /* Nullable: (num_free) elimination order */
@@ -46,8 +46,8 @@ struct pliant_refresh {
     /* THE HISTORY */
     bool converting;
     pliant_nodal_rotations *rotations;          /* Nullable; axes of the new factor */
-    double *now;                /* (3 num_nodes) that they are turned to */
-    uint64_t number[PLIANT_MAX_HISTORY]; /* as the rules have it */
+    double *now;                /* (3 num_nodes) state of the axes */
+    uint64_t number[PLIANT_MAX_HISTORY]; /* secant numbers, as in the rules */
     pliant_secant history[PLIANT_MAX_HISTORY];
     double gram[PLIANT_MAX_HISTORY * PLIANT_MAX_HISTORY];
     pliant_handle handles[PLIANT_MAX_TOOLS]; /* copies of the springs; empty for other tools */
@@ -63,7 +63,7 @@ static pliant_status make_ready(pliant_refresh *refresh)
     if (!refresh->tangents && !(refresh->tangents = pliant_calloc((size_t)system->num_blocks, sizeof *refresh->tangents)))
         return pliant_fail_memory("the background factorization");
     if (system->preconditioner) return pliant_preconditioner_clone(system->preconditioner, 1, &refresh->preconditioner);
-    pliant_system *shared = refresh->of->system; /* no other thread looks at its pattern before this one has ended */
+    pliant_system *shared = refresh->of->system; /* no other thread reads its pattern until this one has finished */
     pliant_status status = pliant_system_find_pattern(shared);
     if (status != PLIANT_OK) return status;
     system->pattern = shared->pattern;
@@ -74,8 +74,8 @@ static void make_factor(pliant_refresh *refresh)
 {
     const bool first_of_all = !refresh->preconditioner && !refresh->system.preconditioner;
     if ((refresh->status = make_ready(refresh)) != PLIANT_OK) return;
-    /* the exact tangent where it is found to be positive definite, as it is near a state that lasts; where no factor
-     * can be had, the old one does */
+    /* Use the exact tangent if it is positive definite, as it is near a stable state. If no factor can be computed, the
+     * old one stays. */
     pliant_fail_quietly(true);
     int first = pliant_preconditioner_refuses(refresh->preconditioner) ? PLIANT_TWIST_EXACT : PLIANT_TWIST_POSITIVE;
     for (int twist = first; twist <= PLIANT_TWIST_POSITIVE; twist++) {
@@ -122,7 +122,7 @@ static pliant_status order_after(const pliant_solver *solver, const pliant_preco
     int32_t *order = pliant_calloc((size_t)before, sizeof *order), placed = 0;
     refresh->order = pliant_calloc((size_t)count, sizeof *refresh->order);
     if (first && next && order && refresh->order && pliant_preconditioner_order(base, order) == before) {
-        for (int32_t f = count - 1; f >= 0; f--) { /* lists by source, ascending; those without one last */
+        for (int32_t f = count - 1; f >= 0; f--) { /* lists by source, ascending; unknowns without a source last */
             int32_t *list = first + (source[f] >= 0 ? source[f] : before);
             next[f] = *list;
             *list = f + 1;
@@ -219,7 +219,7 @@ static pliant_status copy_history(pliant_solver *solver, bool springs, pliant_re
     return PLIANT_OK;
 }
 
-/* The thread has found them for the factor that is in use now. */
+/* Install the responses that the thread has computed for the present factor. */
 static void take_responses(pliant_solver *solver)
 {
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
@@ -313,7 +313,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
     if (refresh->status == PLIANT_OK && refresh->source) refresh->status = put_below(solver, statistics);
     if (refresh->status != PLIANT_OK) pliant_log(PLIANT_LOG_DEBUG, "a new factor could not be made; the old one stays");
     if (refresh->source) {
-        pliant_refresh_free(solver); /* the next one is of this body */
+        pliant_refresh_free(solver); /* the next one belongs to the present body */
         return;
     }
     if (refresh->status != PLIANT_OK) {
@@ -326,7 +326,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         springs = true;
         responses = responses || solver->handles[t].response_of == solver->in_use.number;
     }
-    /* what led to a refusal is better forgotten */
+    /* secants that led to a refusal are dropped */
     const bool learned = !springs && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
     if (refresh->converting || !(learned || (responses && pliant_background_is_live(solver->background)))) {
         put_in(solver, statistics);
@@ -359,7 +359,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
     refresh->started = step;
     refresh->wanted = false;
-    /* the analysis takes about as long again */
+    /* the symbolic analysis takes about as long as the factorization */
     const bool first = !refresh->preconditioner && !solver->system->preconditioner;
     start(refresh, make_factor, step + (uint64_t)solver->refresh_delay * (first ? 2 : 1));
     return PLIANT_OK;

@@ -1,4 +1,4 @@
-/* The history of Anderson's method: secants, the weights that mix them, and the proposals made with them. */
+/* History of Anderson's method: secants, their weights, and proposals. */
 #include "base/fail.h"
 #include "base/lanes.h"
 #include "base/room.h"
@@ -13,7 +13,7 @@ pliant_status pliant_secants_create(const pliant_system *system, int32_t count, 
     size_t n = 3 * (size_t)system->num_free;
     for (int32_t h = 0; h < count; h++) {
         pliant_secant *secant = secants + h;
-        secant->x = pliant_room(n, sizeof *secant->x); /* written when it is remembered */
+        secant->x = pliant_room(n, sizeof *secant->x); /* written by pliant_solver_remember */
         secant->step = pliant_room(n, sizeof *secant->step);
         secant->residual = pliant_room(n, sizeof *secant->residual);
         if (!secant->x || !secant->step || !secant->residual) return pliant_fail_memory("the solver's history");
@@ -35,7 +35,7 @@ void pliant_solver_moved(pliant_solver *solver)
     pliant_solver_forget(solver);
     pliant_anderson_moved(&solver->rules);
     pliant_even_restart(&solver->even);
-    solver->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes turn at once */
+    solver->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes rotate in the next step */
     solver->opened = false;
 }
 

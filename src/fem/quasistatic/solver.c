@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-/* ---- a step, as anderson.h says */
+/* ---- A step by the rules of anderson.h. */
 
 static void swap_iterates(pliant_solver *solver)
 {
@@ -14,7 +14,7 @@ static void swap_iterates(pliant_solver *solver)
     solver->trial = swap;
 }
 
-/* Time that a step may take, and what its evaluations take. */
+/* Time limits of a step, and the duration of its evaluations. */
 typedef struct step_time {
     double start, begun; /* start of the step, and of its first complete evaluation [s] */
     int32_t whole;       /* evaluations that included the forces */
@@ -144,7 +144,8 @@ static void look_at_end(pliant_solver *solver, step_time *time)
     if (keeps) pliant_posterior_keep(solver);
 }
 
-/* A new factor comes where one serves badly, or never: secants are not given up for other axes. */
+/* Rotate the axes before a step. If the preconditioner converges slowly, a new one follows or none; the secants are
+ * therefore kept. */
 static void turn_on(pliant_solver *solver, uint64_t step)
 {
     if (!solver->rotations) return;

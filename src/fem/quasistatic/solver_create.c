@@ -1,4 +1,4 @@
-/* Making and unmaking a solver, its load. */
+/* Creation and destruction of a solver, and its load. */
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/quasistatic/solver.h"
@@ -68,10 +68,10 @@ pliant_status pliant_solver_wake(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-static const double rate = 5e9; /* operations that a core of today does in a second */
+static const double rate = 5e9; /* operations per second of a typical core */
 
-/* Steps that work in the background may take: its operations at that rate, so that the answer is the same
- * everywhere and the step seldom waits for it. The later a factor comes, the less it fits (test/bench/bench_budget). */
+/* Return the number of steps for background work, from its operations at a fixed rate. The result is the same on every
+ * machine, and steps seldom wait. A late factor is less accurate (test/bench/bench_budget). */
 static int32_t steps_for(double operations, double step) { return (int32_t)fmin(ceil(operations / rate / step), 99998); }
 
 static void set_delays(const pliant_scene *scene, pliant_solver *solver)
@@ -99,7 +99,8 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     rules->most_evaluations = scene->solver.iterations;
     rules->depth = scene->solver.history;
     rules->room = pliant_anderson_depth(rules->depth, rules->most_evaluations);
-    rules->limits_secants = !system->basis; /* around a patch the merit may be lost altogether: straight to the plain step there */
+    /* Around a patch the merit can become meaningless; the plain step follows directly there. */
+    rules->limits_secants = !system->basis;
     rules->tolerance = scene->solver.tolerance;
     solver->budget = 1e-3 * scene->solver.budget_ms;
     solver->clock = wall_clock;
@@ -109,7 +110,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     set_delays(scene, solver);
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
-    /* moving one node by a thousandth of the body: below that, the tolerance is taken of this */
+    /* Lower bound of the displacement for the tolerance: a thousandth of the body's length. */
     rules->smallest_displacement = 1e-3 * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     if (!pliant_solves_fine(system)) solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
@@ -167,7 +168,7 @@ pliant_status pliant_solver_reset(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-/* F_j = M_j' g, [H] 9 and 10, of the unknown nodes from one to before another */
+/* Compute F_j = M_j' g ([H] 9 and 10) of unknowns [from, to). */
 static void find_load(pliant_solver *solver, int32_t from, int32_t to)
 {
     const double *gravity = solver->gravity;

@@ -1,7 +1,7 @@
-/* Rows W of a step: three for every spring, and for every point that presses its normal and, while it sticks, its
- * tangents. Their motion by the forces on them is A = c I + W K^-1 W' (c of springs alone), which the step has made. A
- * tool that moves by m, translation and rotation vector about its tip, moves the rows' targets by G m: forces change by
- * A^-1 G m, its wrench by G' A^-1 G m. */
+/* Derivative of a tool's wrench. The rows W of a step are three for every spring. A pressing contact point has its
+ * normal and, while it sticks, its tangents. The motion of the rows under forces on them is A = c I + W K^-1 W' (c for
+ * springs alone), which the step has computed. A motion m of the tool, translation and rotation vector about its tip,
+ * moves the rows' targets by G m. The forces change by A^-1 G m, and the wrench by G' A^-1 G m. */
 #include "fem/quasistatic/stiffness.h"
 
 #include "base/fail.h"
@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Rows of the step's matrix that are in A now, and G of them. */
+/* Rows of the step's matrix that belong to A, and their G. */
 typedef struct held_rows {
     int32_t count;
     int32_t *row;   /* of the whole matrix */
@@ -25,7 +25,8 @@ static void add_row(held_rows *rows, int32_t row, const double *motion)
     rows->count++;
 }
 
-/* A direction of a point of the tool at an arm from the tip: v . (translation + rotation x arm) */
+/* Compute the motion of a direction at a point of the tool, with an arm from the tip: v . (translation + rotation x
+ * arm). */
 static void move_with_tool(const double direction[3], const double arm[3], double motion[6])
 {
     memcpy(motion, direction, 3 * sizeof *motion);
@@ -50,7 +51,7 @@ static void list_points(const pliant_touches *touches, int tool, const double ti
     }
 }
 
-/* A spring pulls at the tip: no arm. */
+/* List the rows of a spring, which acts at the tip. */
 static void list_spring(bool moves, int32_t row, held_rows *rows)
 {
     for (int d = 0; d < 3; d++) {
@@ -72,7 +73,8 @@ static void fill_springs(const pliant_solver *solver, const int *tool, int count
             }
 }
 
-/* G' A^-1 G. A gets a little on its diagonal: points of one triangle may ask more of it than its nodes can do. */
+/* Compute G' A^-1 G. A small amount is added to A's diagonal, since contact points of one triangle can have dependent
+ * rows. */
 static bool condense(const held_rows *rows, const double *whole, size_t width, double *matrix, double *right, double stiffness[36])
 {
     const size_t count = (size_t)rows->count;

@@ -82,7 +82,7 @@ static void go_on(pliant_falling *falling, int32_t p, const pliant_falling *from
     now->gone = before->gone;
 }
 
-/* Six times its volume at rest */
+/* Return six times the volume at rest. */
 static double volume_of(const pliant_mesh *mesh, int32_t t)
 {
     double edge[3][3];
@@ -94,7 +94,7 @@ static double volume_of(const pliant_mesh *mesh, int32_t t)
     return fabs(six);
 }
 
-/* Young's modulus of a piece, the mean over its tetrahedra, and its size */
+/* Compute Young's modulus of each piece, the mean over its tetrahedra, and its size. */
 static void find_moduli(pliant_falling *falling)
 {
     const pliant_body *body = falling->body;
@@ -219,7 +219,7 @@ void pliant_falling_stay(const pliant_falling *falling, double *positions)
         memcpy(positions + 3 * (size_t)pieces->node[i], falling->x + 3 * (size_t)i, 3 * sizeof *falling->x);
 }
 
-/* The next step pulls from where this one has pulled to. */
+/* Store the targets of this step as start of the next one. */
 static void keep_pulls(pliant_falling *falling, int32_t p, int num_grips, grip *const *grips, const pliant_rigid_pull *pulls)
 {
     const pliant_pieces *pieces = falling->body->pieces;
@@ -262,7 +262,7 @@ static int32_t list_arms(const pliant_falling *falling, int32_t p, const pliant_
     return near_walls;
 }
 
-/* New positions: the turned arms, and a part of the way to the shape at rest, laid where it fits best. */
+/* Compute new positions: the rotated arms, and a fraction of the motion to the best-fitting rest shape. */
 static void place_nodes(pliant_falling *falling, int32_t p, const pliant_rigid *body)
 {
     const double springs_back = 0.05, same = 1e-9; /* [s, m] */
@@ -300,7 +300,7 @@ static void place_nodes(pliant_falling *falling, int32_t p, const pliant_rigid *
     falling->pieces[p].shaped = most <= same;
 }
 
-/* Rounding, turning and springing back take no node through a wall. */
+/* Move nodes back in front of walls, after rounding, rotation and spring-back. */
 static void stay_in_front(pliant_falling *falling, int32_t p)
 {
     const pliant_pieces *pieces = falling->body->pieces;
@@ -342,7 +342,7 @@ static void stop(pliant_falling *falling, int32_t p)
 
 static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_grips, grip *const *grips)
 {
-    const double slow = 0.01, patience = 0.2; /* [m/s, s] until what lies is taken to rest */
+    const double slow = 0.01, patience = 0.2; /* [m/s, s] limits below which a piece on the ground comes to rest */
     piece *at = falling->pieces + p;
     pliant_rigid body;
     pliant_rigid_pull pulls[PLIANT_RIGID_PULLS];
@@ -366,7 +366,8 @@ static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_
     memcpy(at->momentum, body.momentum, sizeof at->momentum);
     for (int g = 0; g < num_grips; g++) {
         pliant_tool *tool = data->tools + grips[g]->tool;
-        const bool alone = !data->solver && grips[g]->share > 0.999; /* relaxation has pulled at where the piece was cut off */
+        /* Relaxation has pulled at the attachment from before the piece detached. */
+        const bool alone = !data->solver && grips[g]->share > 0.999;
         for (int d = 0; d < 3 && !pulls[g].given; d++) tool->force[d] = (alone ? 0 : tool->force[d]) + pulls[g].impulse[d] / falling->step;
     }
     for (int d = 0; d < 3; d++) speed += fabs(body.centre[d] - old[d]) / falling->step;
@@ -381,7 +382,7 @@ static void move(pliant_falling *falling, pliant_data *data, int32_t p, int num_
     if (out_of_sight(falling, p, falling->x, false)) stop(falling, p);
 }
 
-/* ---- a step of all */
+/* ---- A step of all pieces. */
 
 static void move_all(pliant_falling *falling, pliant_data *data)
 {

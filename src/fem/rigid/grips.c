@@ -1,4 +1,4 @@
-/* A piece as a rigid body, and what tools and joints pull it with. */
+/* A piece as a rigid body, with the pulls of tools and joints. */
 #include "fem/rigid/pieces.h"
 
 #include <string.h>

@@ -18,7 +18,8 @@ struct pliant_falling_kept {
 
 typedef struct part { void *at; size_t bytes; } part;
 
-/* @return bytes of all of them */
+/* List the parts of the stored state.
+ * @return Number of bytes. */
 static size_t list(const pliant_falling *falling, part out[3])
 {
     const pliant_pieces *pieces = falling->body->pieces;
@@ -61,7 +62,7 @@ void pliant_falling_back(const pliant_falling_kept *kept, pliant_falling *fallin
     falling->told = kept->told;
 }
 
-/* The rotation of a piece's nodes between two places about their means (Kabsch 1976), and these. */
+/* Compute the rotation between two sets of node positions about their means (Kabsch 1976), and the means. */
 static void rotation_of(int32_t count, const double *from, const double *to, double rotation[9], double means[6])
 {
     double product[9] = {0};

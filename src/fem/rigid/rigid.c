@@ -8,7 +8,7 @@ enum { DIRECTIONS = PLIANT_RIGID_DIRECTIONS, MOST_CONTACTS = PLIANT_MAX_WALLS * 
 
 static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
-/* ---- vectors and 3 x 3 matrices */
+/* ---- Vectors and 3 x 3 matrices. */
 
 static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -22,7 +22,7 @@ static void apply(const double m[9], const double v[3], double out[3])
     for (int r = 0; r < 3; r++) out[r] = dot(m + 3 * r, v);
 }
 
-/* out = a b, or a b' */
+/* Compute out = a b, or a b'. */
 static void multiply(const double a[9], const double b[9], bool transposed, double out[9])
 {
     for (int r = 0; r < 3; r++)
@@ -59,13 +59,13 @@ void pliant_rigid_turn(const double angle[3], const double m[9], double out[9])
 /* ---- one sub-step */
 
 typedef struct moving {
-    double inverse_mass, inverse_inertia[9]; /* the latter in the middle of the sub-step */
+    double inverse_mass, inverse_inertia[9]; /* inverse_inertia: in the middle of the sub-step */
     double velocity[3], spin[3];
 } moving;
 
 typedef struct contact {
     const double *normal;
-    double arm[3], towards;      /* normal velocity that it must have at least [m/s] */
+    double arm[3], towards;      /* minimum normal velocity [m/s] */
     double normal_impulse, along[3];
 } contact;
 
@@ -99,7 +99,7 @@ static void answer(const moving *now, const double arm[3], double out[9])
     }
 }
 
-/* A spring of compliance c over a step h pulls with an impulse p:  c p / h = target - y - h v+,  v+ = v + A p. */
+/* A spring of compliance c over a step h has the impulse p:  c p / h = target - y - h v+,  v+ = v + A p. */
 typedef struct spring { double arm[3], gap[3], soft, solved[9], impulse[3]; } spring;
 
 static void set_spring(const moving *now, const pliant_rigid_pull *pull, const double arm[3], const double at[3], const double before[3],
@@ -243,7 +243,7 @@ static void middle_of(const pliant_rigid *body, const double inverse[9], double 
     }
 }
 
-/* part: where the sub-step ends in the step, from 0 to 1; length: of it */
+/* Run one sub-step. part: its end in the step, from 0 to 1; length: of the sub-step as a fraction. */
 static bool substep(pliant_rigid *body, const double inverse[9], const double gravity[3], double step, double part, double length, int num_pulls,
                     pliant_rigid_pull *pulls, const pliant_rigid_walls *around)
 {
@@ -315,7 +315,7 @@ void pliant_rigid_spin(const pliant_rigid *body, double out[3])
 bool pliant_rigid_step(pliant_rigid *body, const double gravity[3], double time, int num_pulls, pliant_rigid_pull *pulls,
                        const pliant_rigid_walls *around)
 {
-    const double longest = 2e-3, largest = 0.05; /* [s, rad] of a sub-step: of what touches something; of what turns */
+    const double longest = 2e-3, largest = 0.05; /* [s, rad] maximum of a sub-step: duration with contact; rotation */
     double inverse[9], spin[3];
     bool touches = false;
     inverse_of(body, inverse);

@@ -9,14 +9,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- implicit Euler of a rigid body: (M / h^2 + springs) q = M v / h + forces, q = a way and a turn */
+/* ---- Implicit Euler of a rigid body: (M / h^2 + springs) q = M v / h + forces, with q = translation and rotation. */
 
 static void cross(const double a[3], const double b[3], double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
 }
 
-/* load += of a force at an arm */
+/* Add the load of a force at an arm. */
 static void add_load(const double arm[3], const double force[3], double load[6])
 {
     double torque[3];
@@ -37,7 +37,7 @@ static double stiffness_of(const pliant_rigid_pull *pull, const pliant_rigid *bo
     return pull->given ? 0 : spring + damper;
 }
 
-/* k (t + w x r) at r adds to the matrix of (t, w) */
+/* Add k (t + w x r) at r to the matrix of (t, w). */
 static void add_spring(const double arm[3], double stiffness, double matrix[36])
 {
     const double turn[3][3] = {{0, arm[2], -arm[1]}, {-arm[2], 0, arm[0]}, {arm[1], -arm[0], 0}}; /* w x r = turn w */
@@ -80,7 +80,7 @@ static void foresee(const pliant_falling *falling, const double gravity[3], cons
     pliant_dense_cholesky_solve(6, matrix, 1, out->free);
 }
 
-/* of its nodes, where its centre goes so far, and it turns about that so far */
+/* Return the largest motion of a node, for a motion of the centre and a rotation about it. */
 static double farthest_of(const pliant_falling *falling, int32_t p, const double centre[3], const double go[3], const double turn[3])
 {
     double reach = 0;
@@ -286,7 +286,7 @@ pliant_status pliant_falling_find_walls(pliant_data *data, pliant_contacts *cont
 
 /* ---- a step */
 
-/* Forces of contact in the step that is being solved, on a piece. */
+/* Compute the load of all contact forces of the present solve on a piece. */
 static void contact_load(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, double load[6])
 {
     memset(load, 0, 6 * sizeof *load);
@@ -312,10 +312,10 @@ static void moved_by(const pliant_falling *falling, const pliant_contacts *conta
     for (int k = 0; k < 6; k++) moved[k] = pliant_piece_moves(touch, load, k);
 }
 
-/* Implicit Euler moves a body by its velocity at the end of the step, as contact requires (Stewart and Trinkle, Int. J.
- * Numer. Meth. Engng 39:2673, 1996). The trapezoidal rule takes the mean of the velocities at both ends instead, which
- * is exact under constant forces. Return the difference of the two ways, projected so that no contact point of the
- * piece comes closer. */
+/* Compute the trapezoidal correction. Implicit Euler moves a body by its velocity at the end of the step, as contact
+ * requires (Stewart and Trinkle, Int. J. Numer. Meth. Engng 39:2673, 1996). The trapezoidal rule takes the mean of the
+ * velocities at both ends instead, which is exact under constant forces. out: the difference of both motions, projected
+ * so that no contact point of the piece comes closer. */
 static void trapezoidal_correction(const pliant_falling *falling, const pliant_contacts *contacts, int32_t p, const double faster[3], double out[3])
 {
     enum { PASSES = 4 };
