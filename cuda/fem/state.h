@@ -66,7 +66,7 @@ typedef struct gpu_state {
     unsigned long long largest[4];
     unsigned long long blocks; /* number of blocks that have added their maxima */
     /* pliant_posterior */
-    int32_t last_target;       /* buffer that was evaluated last */
+    int32_t last_target;       /* buffer of the last evaluation */
     int32_t seen;              /* the first state of this step was evaluated by the previous step, for its loads */
     int32_t skips;             /* the preconditioner has no work */
     double past_step_force[GPU_ROWS];

@@ -10,6 +10,6 @@ static __device__ __forceinline__ float value_of(const gpu_segment &segment, int
     return pliant_stored_value(segment.d_source, segment.encoding, segment.slope, segment.intercept, (size_t)v);
 }
 
-enum { SEGMENT_THREADS = 256, SEGMENT_BLOCKS = 1024 }; /* kernels that walk over all voxels or rows */
+enum { SEGMENT_THREADS = 256, SEGMENT_BLOCKS = 1024 }; /* for kernels over all voxels or rows */
 
 #endif

@@ -1,4 +1,5 @@
-/* Small dense linear algebra: submeshes of coarse elements, spaces of a few modes. Matrices are row-major. */
+/* Dense linear algebra for small matrices, such as submeshes of coarse elements and spaces of a few modes. Matrices are
+ * row-major. */
 #ifndef PLIANT_BASE_DENSE_H
 #define PLIANT_BASE_DENSE_H
 

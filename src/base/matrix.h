@@ -1,4 +1,4 @@
-/* 3 x 3 matrices, row-major, for the CPU and for kernels. */
+/* 3 x 3 matrices, row-major, shared by CPU and kernels. */
 #ifndef PLIANT_BASE_MATRIX_H
 #define PLIANT_BASE_MATRIX_H
 

@@ -1,4 +1,4 @@
-/* Write a file in the folder of its target, then rename it. */
+/* Writes a file in the folder of its target and renames it. */
 #include "base/replace.h"
 
 #include <errno.h>

@@ -1,4 +1,4 @@
-/* Write a file in the folder of its target, then rename it: the target is complete or absent. */
+/* Writing a file in the folder of its target and renaming it: the target is complete or absent. */
 #ifndef PLIANT_BASE_REPLACE_H
 #define PLIANT_BASE_REPLACE_H
 

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-/* v + 2 w (q x v) + 2 q x (q x v), over the quaternion's squared length */
+/* Compute v + 2 w (q x v) + 2 q x (q x v), divided by the quaternion's squared length. */
 void pliant_rotate(const double quaternion[4], const double v[3], double out[3])
 {
     const double *q = quaternion, w = q[3], size = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + w * w;
@@ -27,7 +27,7 @@ static double half_angle(const double from[4], const double to[4], double *sign,
     return size > 0 ? acos(fmin(fabs(cosine) / size, 1)) : 0;
 }
 
-/* Shoemake, Animating rotation with quaternion curves, Computer Graphics 19:245 (1985) */
+/* Method: Shoemake, Animating rotation with quaternion curves, Computer Graphics 19:245 (1985). */
 void pliant_rotation_between(const double from[4], const double to[4], double t, double out[4])
 {
     double sign, sizes[2];

@@ -21,8 +21,9 @@ typedef struct vtk_array {
     const void *data; /* borrowed */
 } vtk_array;
 
-/* Write a file: binary appended, the arrays ordered by section. The file is complete or absent.
- * is_surface: .vtp with triangles (arrays connectivity, offsets), otherwise .vtu (and types). comment: without "--".
+/* Write a VTK file: appended binary data, with the arrays sorted by section. The file is complete or absent.
+ * @param is_surface  True: .vtp with triangles (arrays connectivity, offsets); false: .vtu (and types).
+ * @param comment     Without "--".
  * Errors: FILE. */
 pliant_status pliant_vtk_write(const char *path, bool is_surface, const char *comment, size_t points, size_t cells, const vtk_array *arrays,
                                int num_arrays);

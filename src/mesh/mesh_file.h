@@ -11,8 +11,8 @@ extern "C" {
 /* How a file describes regions. */
 typedef enum mesh_regions {
     MESH_REGIONS_NONE,      /* nothing */
-    MESH_REGIONS_NUMBERED,  /* a number per tetrahedron, perhaps with a name: as labels of a label map */
-    MESH_REGIONS_MATERIALS  /* the number is the index in the material table (the array `material` of pliant_mesh_save) */
+    MESH_REGIONS_NUMBERED,  /* a number per tetrahedron, optionally with a name: like labels of a label map */
+    MESH_REGIONS_MATERIALS  /* numbers are indices in the material table (the array `material` of pliant_mesh_save) */
 } mesh_regions;
 
 typedef struct mesh_region_name {

@@ -82,7 +82,7 @@ static pliant_status read_head(const file_text *text, vtu_file *out)
     return PLIANT_OK;
 }
 
-/* Bytes that are in memory: borrowed, or owned. */
+/* Bytes in memory: borrowed or owned. */
 typedef struct bytes { const uint8_t *data; size_t size; uint8_t *owned; } bytes;
 
 static int base64_value(char c)

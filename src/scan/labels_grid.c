@@ -44,7 +44,7 @@ typedef struct difference {
     double angle;   /* between axes [rad] */
 } difference;
 
-/* The axis of the scan along which axis a of the labels runs. */
+/* Return the axis of the scan that is nearest to axis a of the labels. */
 static int axis_along(const index_map *to_scan, const pliant_geometry *scan, int a)
 {
     int along = 0;
@@ -85,7 +85,7 @@ static difference compare(const pliant_geometry *labels, const pliant_geometry *
 static bool nearest(const double at[3], const int32_t size[3], size_t index[3])
 {
     for (int d = 0; d < 3; d++) {
-        const double n = ceil(at[d] - 0.5 - 1e-6); /* rounding errors do not decide between two */
+        const double n = ceil(at[d] - 0.5 - 1e-6); /* rounding errors must not decide between two voxels */
         if (!(n >= 0.0 && n < size[d])) return false;
         index[d] = (size_t)n;
     }
@@ -94,10 +94,10 @@ static bool nearest(const double at[3], const int32_t size[3], size_t index[3])
 
 /* Numbers of voxels. */
 typedef struct tally {
-    size_t covered;  /* of the scan, by the label map's grid */
-    size_t taken;    /* of the scan, with a label */
-    size_t labelled; /* of the label map, with a label */
-    size_t outside;  /* and outside the scan */
+    size_t covered;  /* in the scan, and covered by the label map's grid */
+    size_t taken;    /* in the scan, and with a label */
+    size_t labelled; /* in the label map, and with a label */
+    size_t outside;  /* labelled, and outside of the scan */
 } tally;
 
 static void fill(const pliant_labels *from, const index_map *to_labels, pliant_labels *to, tally *count)
@@ -144,7 +144,7 @@ static void count_labelled(const pliant_labels *labels, const index_map *to_scan
     count->outside = outside;
 }
 
-/* Bounds of a grid, edge to edge, in patient axes [mm]. */
+/* Describe the bounds of a grid, from edge to edge, in patient axes [mm]. */
 static void describe_box(const pliant_geometry *geometry, size_t size, char *out)
 {
     double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
@@ -173,7 +173,7 @@ static pliant_status refuse(const pliant_geometry *labels, const pliant_geometry
                        scan_box);
 }
 
-/* Without the digits that are rounding errors. */
+/* Round away digits that are rounding errors. */
 static double shown(double value) { return round(1e6 * value) / 1e6; }
 
 static void report(const pliant_geometry *labels, const pliant_geometry *scan, const index_map *to_scan,

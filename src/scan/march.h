@@ -12,7 +12,7 @@
 typedef struct march_ray {
     int32_t size[3];       /* size of the volume */
     double start[3], step[3];
-    double enter, leave;   /* part of the ray inside the volume's box and within near and far [m] */
+    double enter, leave;   /* range of the ray inside the volume's box, and between near and far [m] */
     double stride;         /* half a voxel [m] */
     double threshold;
     int64_t most;          /* index of the last sample */

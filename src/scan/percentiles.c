@@ -1,4 +1,4 @@
-/* Percentiles of a volume's values, from a sample where it is large. */
+/* Percentiles of a volume's values. Large volumes are sampled. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "pliant/scan.h"
@@ -17,7 +17,7 @@ static int compare(const void *a, const void *b)
 pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value)
 {
     size_t voxels = pliant_geometry_voxels(&volume->geometry);
-    size_t stride = (voxels / MOST_SAMPLES) | 1; /* odd: not the same columns of every row */
+    size_t stride = (voxels / MOST_SAMPLES) | 1; /* odd, so that not every row has the same columns */
     float *sample = pliant_calloc(voxels / stride + 1, sizeof *sample);
     if (!sample) return pliant_fail_memory("the percentiles of a volume");
     size_t taken = 0;

@@ -38,7 +38,7 @@ static float cube_root(double volume)
     return (float)edge;
 }
 
-/* The arrays of a row in one block, which row->x owns. */
+/* Allocate the arrays of a row in one block, which row->x owns. */
 static bool row_create(phantom_row *row, const pliant_geometry *geometry)
 {
     const int n = geometry->size[0];
@@ -77,7 +77,7 @@ static void row_place(phantom_row *row, const pliant_geometry *geometry, int j, 
     phantom_add_noise(row, 9, 7, 1, row->clump);
 }
 
-/* About normal, standard deviation 24, of which the blur leaves 11: four bytes summed. */
+/* Return approximately normal noise, the sum of four bytes. Its standard deviation is 24, and 11 after the blur. */
 static int noise(int i, int j, int k, uint32_t seed)
 {
     uint32_t bits = phantom_hash((uint32_t)i, (uint32_t)j, (uint32_t)k, seed ^ 0x5ca9u);
@@ -101,7 +101,7 @@ static void blur_along(int16_t *line, int n)
     }
 }
 
-/* Across `rows` rows of n voxels that lie stride apart; scratch holds n. */
+/* Blur across `rows` rows of n voxels that are `stride` apart. scratch: (n). */
 static void blur_across(int16_t *first, int n, ptrdiff_t stride, int rows, int16_t *scratch)
 {
     memcpy(scratch, first, (size_t)n * sizeof *scratch);

@@ -2,19 +2,19 @@
 
 #include <math.h>
 
-/* --- the body and its wall --- */
+/* --- The body and its wall. --- */
 
 static float square(float value) { return value * value; }
 
 float phantom_depth(float x, float y, float z)
 {
-    /* a squarish ellipse in every cross-section: waist, furrow of the back, navel */
+    /* The cross-sections are rounded squares with waist, furrow of the back, and navel. */
     float s = z / 150, a = 174 + 7 * s * s - 3 * s, b = 119 + 4 * s * s;
     float back = y > 0 ? square(1 - phantom_clamp(x * x / 2500, 0, 1)) * (y / b) : 0;
     float navel = y < 0 ? 9 * square(1 - phantom_clamp((x * x + square(z + 25)) / 260, 0, 1)) : 0;
     float u = x / a, v = y / b * (1 + 0.05f * back), corner = 0.30f;
     float f = u * u + v * v - corner * u * u * v * v;
-    if (f < 0.1f) return 100; /* well inside, where the ellipses shrink to a point */
+    if (f < 0.1f) return 100; /* deep inside, where the ellipses shrink to a point */
     float size = sqrtf(f), slope_x = u * (1 - corner * v * v) / (a * size),
           slope_y = v * (1 - corner * u * u) / (b * size);
     return (1 - size) / sqrtf(slope_x * slope_x + slope_y * slope_y) - navel;
@@ -34,10 +34,10 @@ void phantom_wall(float x, float y, float z, float *fat, float *muscle)
     *muscle = *fat + (y < 0 ? before + pelvis * side * 24 : behind);
 }
 
-/* hollow in the small of the back */
+/* The spine is curved inwards in the lower back. */
 float phantom_spine_y(float z) { return 26 + 16 * square((z - 5) / 145); }
 
-/* --- chains of knots --- */
+/* --- Chains of knots. --- */
 
 #define CHAIN(list, knots, pieces) phantom_add_chain(list, knots, (int)(sizeof(knots) / sizeof *(knots)), pieces)
 #define BOTH_SIDES(list, knots, pieces) \
@@ -53,7 +53,7 @@ static bool make_muscles(phantom_tubes *list)
     return BOTH_SIDES(list, psoas, 4) && BOTH_SIDES(list, quadratus, 3) && BOTH_SIDES(list, iliacus, 3);
 }
 
-/* Ribs 8 to 12 run in the wall, down and forward from the spine; u is the angle from the back in quarter turns. */
+/* Create ribs 8 to 12, which run down and forward in the wall. u is the angle from the back in quarter turns. */
 static bool make_ribs(phantom_tubes *list)
 {
     static const struct { float top, drop, end; } ribs[] = {
@@ -68,7 +68,7 @@ static bool make_ribs(phantom_tubes *list)
             float sine = 2 * t / (1 + t * t), behind = u < 1 ? cosine : -cosine;
             float scale = 1 / sqrtf(1 - 0.30f * square(sine * cosine));
             float x = 152 * sine * scale, y = 94 * behind * scale, z = ribs[r].top - ribs[r].drop * u;
-            /* the heads bend in towards the spine */
+            /* The rib heads bend towards the spine. */
             y -= 24 * square(1 - phantom_clamp(u / 0.32f, 0, 1));
             phantom_point here = {x, y, z};
             float radius = u > ribs[r].end - 0.1f ? 3.6f : 4.8f;
@@ -85,7 +85,7 @@ static bool make_ribs(phantom_tubes *list)
 
 /* --- bowel --- */
 
-/* The tubes of a chain from one to below another hold gas, down to one flat level: their mean y and so much more. */
+/* Fill the tubes [from, end) of a chain with gas above one level: their mean y plus `more`. */
 static void fill_with_gas(phantom_tubes *list, int first, int from, int end, float more)
 {
     float mean = 0;
@@ -102,7 +102,7 @@ static bool make_colon(phantom_tubes *list)
         {106, 10, -50, 15},   {98, -14, -85, 15},   {86, -24, -115, 16}, {66, -6, -138, 16}, {38, -10, -158, 16}};
     int before = list->number;
     if (!CHAIN(list, path, 6)) return false;
-    /* pouches: every third tube is narrow */
+    /* Pouches: every third tube is narrow. */
     for (int t = before; t < list->number; ++t) {
         static const float width[] = {1.10f, 1.04f, 0.82f};
         phantom_tube *tube = &list->tubes[t];
@@ -115,7 +115,8 @@ static bool make_colon(phantom_tubes *list)
     return true;
 }
 
-/* A path that fills the middle of the belly, layer by layer, to and fro, every knot shaken. */
+/* Create a path that fills the middle of the abdomen layer by layer in alternating directions, with random
+ * displacements. */
 static bool make_small_bowel(phantom_tubes *list)
 {
     enum { LAYERS = 6, MOST = 400 };
@@ -156,7 +157,7 @@ static bool make_stomach(phantom_tubes *list)
 
 /* --- vessels --- */
 
-/* A vessel and the two that it divides into, and so on. */
+/* Create a vessel and its branches, recursively. */
 static bool grow(phantom_tubes *list, phantom_point from, phantom_point to, float radius, int generations,
                  uint32_t seed)
 {
@@ -221,7 +222,7 @@ static bool make_vessels(phantom_tubes *list)
           CHAIN(list, celiac, 4) && CHAIN(list, renal, 3) && CHAIN(list, renal_vein, 3) &&
           CHAIN(list, renal_right, 3) && CHAIN(list, renal_vein_right, 3)))
         return false;
-    /* the fans of the mesentery, marked: they run between loops of bowel, not through them */
+    /* The marked fans of the mesentery run between the loops of the bowel. */
     static const phantom_point fans[] = {{34, -36, -16}, {-40, -38, -6}, {24, -34, -62}, {-36, -34, -58}};
     int before = list->number;
     for (uint32_t f = 0; f < 4; ++f)

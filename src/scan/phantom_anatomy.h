@@ -16,7 +16,7 @@ enum {
 
 enum { PHANTOM_AIR_VALUE = -1000 /* [HU] */ };
 
-/* The scanned box and the body in it [mm] */
+/* The scanned box [mm] */
 #define PHANTOM_BOX_X 400.0
 #define PHANTOM_BOX_Y 290.0
 #define PHANTOM_BOX_Z 300.0
@@ -36,7 +36,7 @@ static inline void phantom_put(phantom_row *row, int n, int tissue, float value)
 /* Create the anatomy. Return false if a list is too short for its tubes (never, tested). */
 bool phantom_anatomy_make(phantom_anatomy *anatomy);
 
-/* Depth of a point below the skin [mm], negative outside the body. */
+/* Return the depth of a point below the skin [mm]; negative outside of the body. */
 float phantom_depth(float x, float y, float z);
 /* Return the depths at which the subcutaneous fat and the muscle wall end [mm]. */
 void phantom_wall(float x, float y, float z, float *fat, float *muscle);

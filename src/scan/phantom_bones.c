@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-/* Heights [mm]: vertebrae stand LEVEL apart, one at LUMBAR_3; the sacrum begins below the last disc. */
+/* Heights [mm]: vertebrae are LEVEL apart, one of them at LUMBAR_3. The sacrum begins below the last disc. */
 #define LEVEL 36.5f
 #define LUMBAR_3 10.0f
 #define HALF_BODY 13.75f
@@ -13,7 +13,7 @@ static float square(float value) { return value * value; }
 static float larger(float a, float b) { return a > b ? a : b; }
 static float smaller(float a, float b) { return a < b ? a : b; }
 
-/* distance from a point to the line between two others, in the plane */
+/* Return the distance from a point to a segment in the plane. */
 static float to_segment(float x, float y, float ax, float ay, float bx, float by)
 {
     float dx = bx - ax, dy = by - ay;
@@ -27,7 +27,8 @@ static float bone(float distance, float spongy, float grain)
     return distance > -1.7f ? 560 : spongy + 45 * grain;
 }
 
-/* pedicles, laminae, spinous, transverse and joint processes; x is from the midline, y from the middle of the body */
+/* Return the distance to pedicles, laminae, spinous, transverse and joint processes. x is relative to the midline, y to
+ * the middle of the vertebral body. */
 static float arch(float x, float y, float dz)
 {
     float pedicle = larger(larger(fabsf(x - 14) - 4.2f, fabsf(y - 18) - 10), fabsf(dz - 4.5f) - 6.5f);
@@ -75,14 +76,14 @@ void phantom_paint_spine(phantom_row *row)
     for (int n = first; n < end; ++n) {
         float x = fabsf(row->position_x[n]), z = row->position_z[n], y = row->position_y[n];
         if (row->tissue[n] == PHANTOM_AIR || row->tissue[n] == PHANTOM_skin) continue;
-        float level = (z - LUMBAR_3) / LEVEL + 100.5f; /* positive, so that cutting rounds down */
+        float level = (z - LUMBAR_3) / LEVEL + 100.5f; /* positive, so that truncation rounds down */
         float dz = (level - (float)(int)level - 0.5f) * LEVEL;
         if (z >= SACRUM) paint_vertebra(row, n, x, y - phantom_spine_y(z), dz);
         else paint_sacrum(row, n, x, y, z);
     }
 }
 
-/* A curved plate from the joint with the sacrum round to the front, longer the lower it is cut. */
+/* Paint the hips: a curved plate from the joint with the sacrum to the front. It is longer at lower heights. */
 void phantom_paint_hips(phantom_row *row)
 {
     enum { PIECES = 14 };

@@ -2,7 +2,7 @@
 
 static bool is_free(const phantom_row *row, int n) { return row->tissue[n] == PHANTOM_ROOM_FOR_ORGANS; }
 
-/* --- skin, fat and the wall of muscle --- */
+/* --- Skin, fat and muscle wall. --- */
 
 static void paint_wall(phantom_row *row)
 {
@@ -16,13 +16,14 @@ static void paint_wall(phantom_row *row)
             phantom_put(row, n, PHANTOM_ROOM_FOR_ORGANS, -100 + 6 * clump + (grain > 0.6f ? 30 : 0));
         else {
             float layer = (depth - fat) / (muscle - fat), across = x < 0 ? -x : x;
-            /* three sheets in the flank, sheets of fat in the back and the buttock */
+            /* The flank has three muscle layers; back and buttock have layers of fat. */
             bool flank = y < 40 && across > 84 && z > -60;
             bool between = flank ? (layer > 0.33f && layer < 0.41f) || (layer > 0.67f && layer < 0.74f)
                                  : y > 30 && clump > -0.035f && clump < 0.035f;
             phantom_put(row, n, PHANTOM_muscle, between ? -55 : 58 + 7 * grain);
         }
-        /* a voxel that the body's surface passes through holds air and tissue; inside, tissues end where voxels do */
+        /* A voxel at the body's surface contains air and tissue. Inside, borders of tissues coincide with borders of
+         * voxels. */
         float part = phantom_clamp(0.5f + depth / row->voxel, 0, 1);
         if (part < 1) row->value[n] = (int16_t)(PHANTOM_AIR_VALUE + part * (float)(row->value[n] - PHANTOM_AIR_VALUE));
     }
@@ -33,7 +34,7 @@ static void paint_muscles(const phantom_tubes *list, phantom_row *row)
     bool any = phantom_measure(list, row);
     for (int n = 0; n < row->n; ++n) {
         if (!is_free(row, n)) continue;
-        /* the deep muscles of the back lie against the spine, and behind the sacrum */
+        /* The deep back muscles are adjacent to the spine, and behind the sacrum. */
         float x = row->position_x[n] < 0 ? -row->position_x[n] : row->position_x[n], z = row->position_z[n];
         bool deep =
             x < 56 && row->position_y[n] > phantom_spine_y(z) + 19 + 0.2f * x + (z < -80 ? 0.8f * (-80 - z) : 0);
@@ -90,9 +91,9 @@ static float liver_distance(const phantom_anatomy *anatomy, float x, float y, fl
     float distance = phantom_ellipsoid_distance(&anatomy->liver[0], x, y, z);
     distance = phantom_blend(distance, phantom_ellipsoid_distance(&anatomy->liver[1], x, y, z), 22);
     distance = phantom_blend(distance, phantom_ellipsoid_distance(&anatomy->liver[2], x, y, z), 12);
-    /* the lower face rises from the right flank to the left lobe */
+    /* The lower surface rises from the right flank to the left lobe. */
     distance = -phantom_blend(-distance, -0.9f * (10 + 0.46f * (x + 140) - z), 12);
-    /* the cleft in front, between the lobes */
+    /* The cleft in front separates the lobes. */
     float cleft = (x - 16) * (x - 16) + 0.12f * (y + 90) * (y + 90);
     return cleft < 20 ? 1 : distance;
 }
@@ -127,7 +128,7 @@ static void paint_spleen(const phantom_anatomy *anatomy, phantom_row *row)
     }
 }
 
-/* A hollow organ: wall, gas, fluid or stool. */
+/* Paint a hollow organ: wall, and gas, fluid or stool. */
 static void paint_gut(const phantom_tubes *list, phantom_row *row, float wall, float content, float lumps)
 {
     if (!phantom_measure(list, row)) return;

@@ -6,7 +6,7 @@ enum { FAR = 1000, NO_GAS = -FAR, SAME_PLACE = 4 /* distance between tubes of a 
 
 uint32_t phantom_hash(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
 {
-    /* multiply and fold, once for every number; odd constants */
+    /* Multiply by odd constants and fold, once for every number. */
     uint64_t h = 0x9e3779b97f4a7c15u;
     const uint32_t numbers[4] = {a, b, c, d};
     for (int i = 0; i < 4; ++i) {
@@ -30,7 +30,7 @@ static int floor_of(float value)
 
 static float smooth(float t) { return t * t * (3 - 2 * t); }
 
-/* value of the lattice at a column, blended over y and z */
+/* Return the lattice value of a column, interpolated over y and z. */
 static float column(int i, int j, int k, float v, float w, uint32_t seed)
 {
     float corner[4];
@@ -101,7 +101,7 @@ bool phantom_add_tube(phantom_tubes *list, phantom_point a, phantom_point b, flo
     return true;
 }
 
-/* Catmull and Rom's cubic through b and c */
+/* Return the Catmull-Rom cubic through b and c. */
 static float curve(float a, float b, float c, float d, float t)
 {
     return b + 0.5f * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)));

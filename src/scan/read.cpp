@@ -1,4 +1,4 @@
-/* Reading a scan or a label map: which format, does it fit in memory, voxels, conversion. The C boundary. */
+/* Reads a scan or a label map: format detection, memory check, voxels, conversion. Contains the C boundary. */
 #include "scan/read.h"
 
 #include "base/free_memory.h"
@@ -26,7 +26,7 @@ void check_memory(const std::string &path, const image_header &header, bool labe
 std::unique_ptr<image_source> open_source(const std::string &path, const char *series, bool labels)
 {
     if (path.empty()) fail(PLIANT_ERROR_FILE, "no scan named: a DICOM folder, or a multi-frame DICOM, NIfTI, NRRD or MetaImage file is needed");
-    uint64_t bytes = file_size(path); /* fails when it is not there */
+    uint64_t bytes = file_size(path); /* fails if the file is missing */
     if (is_folder(path) && labels)
         if (std::unique_ptr<image_source> masks = open_masks(path)) return masks;
     if (is_folder(path)) return labels ? open_dicom_label_folder(path) : open_dicom_folder(path, series);
@@ -38,7 +38,7 @@ std::unique_ptr<image_source> open_source(const std::string &path, const char *s
          "MetaImage (.mha, .mhd) file is needed", path.c_str());
 }
 
-/* The voxels in the type of the file; freed unless conversion took them over. */
+/* The voxels in the file's type; freed here unless the conversion took ownership. */
 struct raw_voxels {
     void *voxels;
     raw_voxels(const image_header &header)
@@ -51,7 +51,7 @@ struct raw_voxels {
     raw_voxels &operator=(const raw_voxels &) = delete;
 };
 
-/* Name of the file or folder itself. */
+/* Set the id to the name of the file or folder. */
 void set_id(const std::string &path, char *id, size_t size)
 {
     size_t end = path.find_last_not_of('/');
@@ -61,7 +61,7 @@ void set_id(const std::string &path, char *id, size_t size)
     std::memcpy(id, name.data(), std::min(name.size(), size - 1));
 }
 
-/* Labels may be cropped to one slice, but a scan of one slice has no tetrahedra. */
+/* Check the size of a scan. Labels may have a single slice, but a scan of one slice has no tetrahedra. */
 void check_scan(const std::string &path, const image_source &source)
 {
     const int32_t *size = source.header.geometry.size;

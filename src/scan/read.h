@@ -124,7 +124,7 @@ std::string trimmed(const std::string &text);
  * number. */
 bool parse_numbers(const std::string &text, char separator, std::vector<double> *out);
 
-/* Fails when `bytes` of data cannot be in a file of this size, compressed or not. */
+/* Fails if `bytes` of data cannot be in a file of this size, compressed or not. */
 void check_data_fits(const std::string &path, double bytes, double bytes_in_file, bool compressed);
 bool machine_is_big_endian();
 /* Read the data of a header: decompressed, of exactly the grid's size, in the byte order of this machine. */
@@ -136,7 +136,7 @@ std::unique_ptr<image_source> open_metaimage(const std::string &path);
 std::unique_ptr<image_source> open_nrrd(const std::string &path);
 std::unique_ptr<image_source> open_dicom_folder(const std::string &path, const char *series);
 std::unique_ptr<image_source> open_dicom_file(const std::string &path); /* with several frames */
-/* NIfTI, MetaImage or NRRD; NULL: another format. */
+/* Open a NIfTI, MetaImage or NRRD file; NULL: another format. */
 std::unique_ptr<image_source> open_image_file(const std::string &path);
 /* Open a folder with one mask per segment; NULL if no image in it can be a mask. Where masks overlap the later name
  * wins. */
@@ -147,7 +147,7 @@ std::unique_ptr<image_source> open_dicom_label_file(const std::string &path);
 bool is_nifti(const std::string &path);
 bool is_dicom_file(const std::string &path);
 
-/* Voxels after conversion, owned by pliant_free. */
+/* Voxels after conversion; free them with pliant_free. */
 struct converted {
     pliant_encoding encoding;
     float background;

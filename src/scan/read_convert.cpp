@@ -1,4 +1,4 @@
-/* From the numbers of a file to the encoding of a volume or to labels. */
+/* Converts the numbers of a file to the encoding of a volume, or to labels. */
 #include "scan/read.h"
 
 #include <cfloat>
@@ -14,7 +14,7 @@ bool component_is_integer(component type) { return type != component::float32 &&
 
 namespace {
 
-/* Calls action with a pointer of the right type. */
+/* Call action with a pointer of the matching type. */
 template <class Action> void with_type(component type, const void *voxels, Action action)
 {
     switch (type) {
@@ -42,7 +42,7 @@ struct range {
     fail(PLIANT_ERROR_FORMAT, "%s: voxel (%zu, %zu, %zu) %s", path.c_str(), index % nx, index / nx % ny, index / (nx * ny), what);
 }
 
-/* Smallest and largest value; every value is finite. */
+/* Return the smallest and largest value. Fails if a value is not finite. */
 range value_range(const std::string &path, const image_header &header, const void *voxels, size_t count)
 {
     range found = {0.0, 0.0};
@@ -63,7 +63,7 @@ range value_range(const std::string &path, const image_header &header, const voi
 
 bool is_whole(double value) { return std::floor(value) == value; }
 
-/* Labels that were scaled in single precision are whole numbers but for its rounding. */
+/* Labels that were scaled in single precision are integers up to rounding. */
 const double LABEL_ROUNDING = 1e-3;
 bool is_label(double value) { return std::fabs(value - std::round(value)) <= LABEL_ROUNDING; }
 
@@ -74,7 +74,7 @@ bool values_are_whole(const image_header &header)
 
 bool is_unscaled(const image_header &header) { return header.slope == 1.0 && header.intercept == 0.0; }
 
-/* Frees what convert_* took over. */
+/* Frees the voxels whose ownership convert_* took. */
 struct owned_voxels {
     void *voxels;
     explicit owned_voxels(void **taken) : voxels(*taken) { *taken = nullptr; }

@@ -1,5 +1,5 @@
-/* A DICOM folder, or one multi-frame file: which files are images and which frames they hold, to which series they
- * belong, which series is meant. */
+/* Opens a DICOM folder or a multi-frame file: finds the images and their frames, sorts them by series, and chooses a
+ * series. */
 #include "scan/read_dicom.h"
 
 #include <algorithm>
@@ -54,7 +54,7 @@ bool is_colour(const dicom_file &file)
     return file.whole(SAMPLES, 1) != 1 || (!colours.empty() && colours.compare(0, 10, "MONOCHROME") != 0);
 }
 
-/* Fail if the file holds no numbers that can be read, with the remedy. */
+/* Fail with the remedy if the file contains no readable pixels. */
 void check_readable(const std::string &path, const dicom_file &file)
 {
     const std::string object = refused_object(file.text(CLASS));
@@ -71,7 +71,7 @@ void check_readable(const std::string &path, const dicom_file &file)
              path.c_str(), file.text(PHOTOMETRIC).c_str());
 }
 
-/* PixelPaddingValue, or from it to PixelPaddingRangeLimit, as signed or unsigned as the pixels are. */
+/* Read PixelPaddingValue, or the range to PixelPaddingRangeLimit, with the sign of the pixels. */
 void read_padding(const dicom_file &file, dicom_pixels *pixels)
 {
     auto number = [&](uint32_t tag, int otherwise) {
@@ -85,7 +85,7 @@ void read_padding(const dicom_file &file, dicom_pixels *pixels)
     pixels->padding_high = std::max(value, limit);
 }
 
-/* How the numbers are stored, which is the same for all frames; fails for unusable images. */
+/* Return the storage of the pixels, which is the same for all frames. Fails for unusable images. */
 dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
 {
     dicom_pixels pixels;
@@ -111,15 +111,16 @@ dicom_pixels stored_pixels(const std::string &path, const dicom_file &file)
     return pixels;
 }
 
-/* MONOCHROME1 says that low values are shown bright. Values that have a unit (Hounsfield, activity, counts) mean the
- * same for all that; others are intensities, of which one expects that bright ones are large. */
+/* Return whether the values must be inverted. With MONOCHROME1 low values are displayed bright. Values with a unit
+ * (Hounsfield, activity, counts) keep their meaning. Other values are intensities, which are expected to be large where
+ * bright. */
 bool is_turned_round(const dicom_file &file, size_t frame)
 {
     std::string modality = file.text(MODALITY), unit = file.text_of_frame(frame, RESCALE_TYPE);
     return file.text(PHOTOMETRIC) == "MONOCHROME1" && modality != "CT" && modality != "PT" && modality != "NM" && unit != "HU";
 }
 
-/* Objects that are images by their class must have pixels. */
+/* Return whether the class of an object requires pixels. */
 bool is_image_class(const std::string &uid)
 {
     for (const char *one : {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "128.1", "130"}) /* CT, MR, nuclear, PET */
@@ -143,7 +144,7 @@ void fill_slice(const dicom_file &file, size_t frame, const std::vector<dicom_fi
     slice->spacing = numbers_of_frame(place, file, frame, PIXEL_SPACING, 2, "PixelSpacing");
 }
 
-/* Return whether a file can be no slice of a stack: a picture in colour, a film without places, a segmentation. */
+/* Return whether a file cannot be a slice of a stack: a colour image, a film without positions, a segmentation. */
 bool is_picture(const dicom_file &file)
 {
     const std::string frames = file.text(FRAMES);
@@ -245,7 +246,7 @@ std::string listed(const series_map &series)
     return text;
 }
 
-/* Without the series that hold pictures and other objects only. */
+/* Return the series that contain more than pictures and other objects. */
 series_map volumes_of(const std::string &folder, const series_map &series)
 {
     series_map volumes;
@@ -259,7 +260,7 @@ series_map volumes_of(const std::string &folder, const series_map &series)
     return volumes;
 }
 
-/* By its UID or an ending of it that no other series has. */
+/* Choose a series by its UID, or by a unique ending of its UID. */
 std::vector<dicom_slice> chosen(const std::string &folder, const series_map &series, const char *wanted)
 {
     if (!wanted || !*wanted) {
@@ -311,7 +312,7 @@ std::unique_ptr<image_source> open_dicom_label_file(const std::string &path)
     return open_dicom_segments(path, file);
 }
 
-/* The only segmentation in a folder; otherwise the folder holds the slices of a label map. */
+/* Open the only segmentation in a folder. Otherwise the folder contains the slices of a label map. */
 std::unique_ptr<image_source> open_dicom_label_folder(const std::string &folder)
 {
     bool has_folders;

@@ -1,7 +1,7 @@
-/* JPEG, JPEG-LS and JPEG 2000 images, decompressed by the GDCM that ITK reads DICOM with.
+/* Decompresses JPEG, JPEG-LS and JPEG 2000 images with ITK's GDCM.
  *
- * A failed assertion of GDCM ends its process. So a child process decompresses every image and leaves the numbers in
- * memory that both processes share. If the child ends without them, the image is refused. */
+ * A failed assertion of GDCM ends its process. Therefore a child process decompresses every image and writes the result
+ * to shared memory. If the child ends without a result, the image is refused. */
 #include "scan/read_dicom.h"
 
 #include <gdcmImageReader.h>
@@ -20,7 +20,7 @@ namespace pliant_read
 namespace
 {
 
-/* A compressed image and its own description of its numbers. The header of the file may store them in more bits. */
+/* A compressed image with its own number of bits. The file's header may store more bits. */
 struct coded_image {
     std::string bytes;
     int precision = 0; /* bits of a number */
@@ -28,7 +28,7 @@ struct coded_image {
     int bits_allocated() const { return precision <= 8 ? 8 : precision <= 16 ? 16 : 32; }
 };
 
-/* Bytes of an image, 0 behind its end. */
+/* The bytes of an image; 0 after its end. */
 class big_endian
 {
 public:
@@ -52,7 +52,7 @@ private:
          pixels.columns, pixels.rows, pixels.bits_allocated);
 }
 
-/* Both JPEG and JPEG 2000 end with this mark. Without it the end is missing, which decoders fill with something. */
+/* Return whether the image has the end mark of JPEG and JPEG 2000. Decoders fill a missing end with arbitrary data. */
 bool has_end(const std::string &image)
 {
     size_t end = image.find_last_not_of('\0');
@@ -60,7 +60,7 @@ bool has_end(const std::string &image)
     return end != std::string::npos && end > 0 && image[end] == '\xd9' && image[end - 1] == '\xff';
 }
 
-/* A JPEG or JPEG-LS image with no other segments than its data need (ISO 10918-1 annex B), which are checked. */
+/* Return a JPEG or JPEG-LS image with only the necessary segments (ISO 10918-1 annex B), which are checked. */
 coded_image bare_jpeg(const std::string &path, const dicom_pixels &pixels, const std::string &image)
 {
     const big_endian bytes(image);
@@ -95,8 +95,8 @@ coded_image bare_jpeg(const std::string &path, const dicom_pixels &pixels, const
     damaged(path, pixels, "JPEG");
 }
 
-/* The codestream of a JPEG 2000 image, which may lie in a file of boxes, and what its first segment (SIZ, ISO 15444-1
- * A.5.1) says. */
+/* Return the codestream of a JPEG 2000 image, which may be in a file of boxes, and the properties from its first
+ * segment (SIZ, ISO 15444-1 A.5.1). */
 coded_image bare_jpeg_2000(const std::string &path, const dicom_pixels &pixels, const std::string &image)
 {
     coded_image out;
@@ -128,8 +128,8 @@ std::string element(uint16_t group, uint16_t tag, const char *type, std::string 
            little_endian(static_cast<uint32_t>(value.size()), 2) + value;
 }
 
-/* A DICOM file with nothing but what decompression needs, so that nothing else in the original can disturb it. Its
- * header describes the numbers as the compressed image does: GDCM expects that the two agree. */
+/* Create a DICOM file with only the elements needed for decompression, so that other elements cannot interfere. Its
+ * header matches the compressed image, as GDCM requires. */
 std::string bare_file(const dicom_pixels &pixels, const coded_image &coded)
 {
     const char *const ct_image = "1.2.840.10008.5.1.4.1.1.2";
@@ -152,7 +152,7 @@ std::string bare_file(const dicom_pixels &pixels, const coded_image &coded)
            std::string("\xfe\xff\xdd\xe0", 4) + little_endian(0, 4);
 }
 
-/* Runs in the child process. */
+/* Decompress; runs in the child process. */
 bool decode(const std::string &file, size_t bytes, char *out)
 {
     std::istringstream stream(file);
@@ -161,7 +161,7 @@ bool decode(const std::string &file, size_t bytes, char *out)
     return reader.Read() && reader.GetImage().GetBufferLength() == bytes && reader.GetImage().GetBuffer(out);
 }
 
-/* Memory of this process and of the children that it starts while this lives. */
+/* Memory shared by this process and child processes started during its lifetime. */
 class shared_bytes
 {
 public:
@@ -180,12 +180,12 @@ private:
     void *at_;
 };
 
-/* No image takes as long. A damaged one may keep a decoder busy for ever. */
+/* Time limit: a damaged image can keep a decoder busy for ever. */
 const unsigned LONGEST_SECONDS = 120;
 
 void end_child(int) { _exit(1); }
 
-/* The numbers of a file, behind a byte that is 1 where decompression succeeded. */
+/* Decompress a file in a child process. The first byte of `out` is 1 after success. */
 void decode_apart(const std::string &path, const std::string &file, size_t bytes, const shared_bytes &out)
 {
     const pid_t child = fork();
@@ -196,7 +196,7 @@ void decode_apart(const std::string &path, const std::string &file, size_t bytes
             std::signal(signal_number, end_child); /* no core file */
         sigset_t none;
         sigemptyset(&none);
-        pthread_sigmask(SIG_SETMASK, &none, nullptr); /* the caller's thread may block them */
+        pthread_sigmask(SIG_SETMASK, &none, nullptr); /* the caller's thread may block signals */
         alarm(LONGEST_SECONDS);
         const int nowhere = open("/dev/null", O_WRONLY); /* GDCM and its codecs write to the console */
         dup2(nowhere, STDOUT_FILENO);
@@ -219,7 +219,7 @@ template <class From, class To> void widen(const char *from, size_t count, void 
     }
 }
 
-/* Numbers of the width that they are stored in; a negative one keeps its sign. */
+/* Convert numbers to the stored width, with sign extension. */
 template <class From> void widen_any(const char *from, const dicom_pixels &pixels, void *to)
 {
     switch (component_size(pixels.type())) {

@@ -1,5 +1,5 @@
-/* The elements of a DICOM file (PS3.5 section 7, PS3.10 section 7), checked against its size. GDCM stops the whole
- * process on some broken files, so it sees none whose structure has not been walked here. */
+/* Parses the elements of a DICOM file (PS3.5 section 7, PS3.10 section 7), checked against the file's size. GDCM ends
+ * the process for some damaged files, so it reads only files whose structure was checked here. */
 #include "scan/read_dicom.h"
 
 #include <cerrno>
@@ -23,7 +23,7 @@ enum : uint32_t {
     PIXEL_DATA = 0x7fe00010
 };
 
-/* These sequences in an item of a functional group or of a segment hold values that matter. */
+/* Return whether a sequence in a functional group or segment contains relevant values. */
 bool is_kept_group(uint32_t tag)
 {
     switch (tag) {
@@ -71,7 +71,7 @@ public:
         if (!open_file(path)) fail(PLIANT_ERROR_FILE, "%s: cannot be opened: %s", path.c_str(), strerror(errno));
     }
 
-    /* False when nothing here is DICOM. */
+    /* Parse the file. Return false if it is no DICOM file. */
     bool walk()
     {
         std::string start = bytes(0, std::min<uint64_t>(size_, 132));
@@ -126,11 +126,11 @@ private:
 
     std::string bytes(uint64_t offset, uint64_t count)
     {
-        const uint64_t most = 1 << 16; /* nothing longer is asked for */
+        const uint64_t most = 1 << 16; /* maximum length of a request */
         if (count > size_ || offset > size_ - count) truncated();
         if (offset < window_at_ || offset + count > window_at_ + window_.size()) {
             window_.erase(0, static_cast<size_t>(std::min<uint64_t>(offset - window_at_, window_.size())));
-            const size_t kept = window_.size(); /* read again, it would be inflated again from the start */
+            const size_t kept = window_.size(); /* a second read would inflate again from the start */
             window_at_ = offset;
             window_.resize(static_cast<size_t>(std::min(most, size_ - offset)));
             bytes_.read(offset + kept, &window_[kept], window_.size() - kept, "the header");
@@ -149,8 +149,8 @@ private:
     static bool has_type(const std::string &head)
     { return std::isupper(static_cast<unsigned char>(head[4])) && std::isupper(static_cast<unsigned char>(head[5])); }
 
-    /* Old files without the 128 bytes in front begin with group 8, and with an element that makes sense; or with the
-     * file meta group. */
+    /* Return whether the data begins like a data set. Old files lack the 128 bytes at the start. They begin with a
+     * plausible element of group 8, or with the file meta group. */
     static bool looks_like_data_set(const std::string &start)
     {
         if (start.size() < 132) return false;
@@ -159,8 +159,8 @@ private:
                (has_type(start) || number(start, 4, 4) <= 64);
     }
 
-    /* Return the transfer syntax of a file that names none. Its first element has a type, or none as is the default of
-     * DICOM. */
+    /* Return the transfer syntax of a file that specifies none. Its first element has a type, or no type, which is
+     * DICOM's default. */
     std::string guessed_transfer_syntax()
     {
         const std::string head = bytes(at_, 8);
@@ -168,7 +168,8 @@ private:
         return has_type(head) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
     }
 
-    /* The data set behind the file meta group is deflated. Find its length, and read its inflated bytes from here. */
+    /* Begin reading a deflated data set after the file meta group: find its length, and read inflated bytes from
+     * here. */
     void begin_deflated()
     {
         const uint64_t most = uint64_t(16) << 30;
@@ -225,7 +226,7 @@ private:
 
     void store(const element &e, dicom_file::elements *out)
     {
-        const uint32_t longest = 4096; /* beyond is nothing that matters here */
+        const uint32_t longest = 4096; /* longer values are not relevant */
         if (e.length > size_ - at_) truncated();
         (*out)[e.tag] = e.length <= longest ? bytes(at_, e.length) : "";
     }
@@ -249,7 +250,7 @@ private:
         }
     }
 
-    /* Past the value of an element whose beginning has been read. */
+    /* Skip the value of an element whose head has been read. */
     void pass(const element &e, int depth, bool with_type)
     {
         if (e.length == UNDEFINED) sequence(depth + 1, with_type && std::strcmp(e.type, "UN") != 0);
@@ -264,7 +265,7 @@ private:
         return at_ + e.length;
     }
 
-    /* Shows every item of a sequence, then each of its elements, which visit passes. */
+    /* Visit every item of a sequence and each of its elements; visit skips the value. */
     template <class Item, class Visit> void each(const element &sequence, uint64_t outer, bool with_type, Item begin_item, Visit visit)
     {
         const uint64_t end = end_of(sequence, outer);

@@ -1,4 +1,4 @@
-/* The numbers of one DICOM image: as they are in the file, or RLE; read_dicom_codecs.cpp has the JPEG family. */
+/* Reads the pixels of one DICOM image, uncompressed or RLE; read_dicom_codecs.cpp handles the JPEG family. */
 #include "scan/read_dicom.h"
 
 #include <cstring>
@@ -17,7 +17,7 @@ std::string file_part(const std::string &path, const dicom_file::part &part)
     return bytes;
 }
 
-/* Bits above the stored ones do not count (overlays lie there in old files). */
+/* Clear the bits above the stored ones, where old files have overlays. */
 template <class Number> void clean_bits(int stored, size_t count, Number *values)
 {
     const int above = static_cast<int>(8 * sizeof(Number)) - stored;
@@ -44,7 +44,7 @@ void clean(const dicom_pixels &pixels, void *out)
     }
 }
 
-/* RLE (PS3.5 annex G): a segment for every byte of a number, the highest first; runs as in PackBits. */
+/* Decode RLE (PS3.5 annex G): one segment for every byte of a number, the highest first, with PackBits runs. */
 void decode_run_length(const std::string &path, const dicom_pixels &pixels, const std::string &coded, void *out)
 {
     const size_t size = component_size(pixels.type()), head = 64;
@@ -125,7 +125,7 @@ std::vector<std::vector<dicom_file::part>> parts_of_frames(const std::string &pa
 namespace
 {
 
-/* Marks the numbers that the header declares as padding. PixelPaddingValue has 16 bits, with the sign of the pixels. */
+/* Mark padding. PixelPaddingValue has 16 bits, with the sign of the pixels. */
 template <class Number> void mark(const dicom_pixels &pixels, const void *values, std::vector<bool> *padded)
 {
     const Number *v = static_cast<const Number *>(values);

@@ -1,5 +1,5 @@
-/* DICOM segmentations (PS3.3 A.51, C.8.20). Every segment has a frame of bits or fractions in every slice where it has
- * voxels. In a label map the voxels hold numbers of segments. */
+/* DICOM segmentations (PS3.3 A.51, C.8.20). Every segment has a frame of bits or fractions for every slice that it
+ * occupies. In a label map the voxels contain segment numbers. */
 #include "scan/read_dicom.h"
 #include "scan/read_segments.h"
 
@@ -32,7 +32,7 @@ enum : uint32_t {
 
 const char *const EXPORT = "export it as NIfTI or NRRD on the grid of its scan (3D Slicer does, for example)";
 
-/* An unsigned number of 16 bits; -1 when missing. */
+/* Return an unsigned number of 16 bits; -1 if missing. */
 int number_in(const dicom_file::elements &elements, uint32_t tag, size_t at = 0)
 {
     const auto found = elements.find(tag);
@@ -46,7 +46,7 @@ std::string text_in(const dicom_file::elements &elements, uint32_t tag)
     return found == elements.end() ? "" : trimmed(found->second);
 }
 
-/* From CIELab as DICOM stores it (PS3.3 C.10.7.1.1, white D50) to sRGB. */
+/* Convert a color from DICOM's CIELab (PS3.3 C.10.7.1.1, white D50) to sRGB. */
 void set_color(const dicom_file::elements &item, float out[3])
 {
     double lab[3];
@@ -97,7 +97,7 @@ std::vector<pliant_label_segment> segments_of(const std::string &path, const dic
 
 double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* The grid of all frames, and the slice of each. Slices without a segment are not in the file. */
+/* The grid of all frames, and the slice of each frame. The file contains no slices without segments. */
 struct frame_grid {
     grid whole;
     std::vector<size_t> slice;
@@ -152,7 +152,7 @@ private:
         for (const std::vector<double> &position : positions_) along_.push_back(dot(position.data(), normal_));
     }
 
-    /* Whether all frames lie a whole number of steps from the first one, to 5 %. */
+    /* Return whether all frames are an integer number of steps from the first one, within 5 %. */
     bool is_step(double step) const
     {
         const double first = *std::min_element(along_.begin(), along_.end());
@@ -171,7 +171,8 @@ private:
             if (step > 1e-3 && (smallest == 0.0 || step < smallest)) smallest = step;
         }
         const double told = between.empty() ? 0.0 : std::fabs(between[0]), thick = thickness.empty() ? 0.0 : thickness[0];
-        const double step = is_step(told) ? told : is_step(thick) ? thick : smallest; /* slices without a segment are left out */
+        /* The file contains no slices without segments. */
+        const double step = is_step(told) ? told : is_step(thick) ? thick : smallest;
         if (smallest == 0.0 && step == 0.0)
             fail(PLIANT_ERROR_FORMAT, "%s: a DICOM segmentation (SEG) of one slice without SliceThickness and SpacingBetweenSlices: %s",
                  path_.c_str(), EXPORT);
@@ -243,7 +244,7 @@ private:
     dicom_file file_;
     bool is_bits_ = false, is_label_map_ = false;
     int threshold_ = 1;              /* fractions: at least half of the maximum */
-    std::vector<uint16_t> position_; /* of a SegmentNumber in segments, from 1 */
+    std::vector<uint16_t> position_; /* position of a SegmentNumber in segments, from 1 */
     std::vector<size_t> slice_, segment_of_frame_;
     dicom_pixels pixels_;
     std::vector<std::vector<dicom_file::part>> parts_;
@@ -258,7 +259,7 @@ private:
         const std::string type = file_.text(SEGMENTATION_TYPE);
         const int bits = file_.whole(BITS_ALLOCATED, 1);
         is_label_map_ = type == "LABELMAP";
-        is_bits_ = bits == 1 && !is_jpeg_2000(); /* which has a number for each voxel */
+        is_bits_ = bits == 1 && !is_jpeg_2000(); /* JPEG 2000 stores a number per voxel */
         const bool good = type == "BINARY" || type.empty() ? bits == 1 || bits == 8
                           : type == "FRACTIONAL"           ? bits == 8
                                                            : is_label_map_ && (bits == 8 || bits == 16);

@@ -1,4 +1,4 @@
-/* Files, compressed or not, and what all formats check alike. */
+/* Files, compressed or not, and checks shared by all formats. */
 #include "scan/read.h"
 
 #include "base/open.h"
@@ -40,7 +40,7 @@ public:
     ~opening() { pliant_opening_end(&opening_); }
     opening(const opening &) = delete;
     opening &operator=(const opening &) = delete;
-    /* Null: not there, errno says why */
+    /* Null: the file is missing, see errno. */
     const char *name() const { return there_ ? opening_.name : nullptr; }
 
 private:
@@ -83,7 +83,7 @@ std::vector<std::string> names_in(const std::string &folder)
     while (const dirent *entry = readdir(directory))
         if (entry->d_name[0] != '.') names.push_back(entry->d_name);
     closedir(directory);
-    std::sort(names.begin(), names.end()); /* the order of a folder differs between machines */
+    std::sort(names.begin(), names.end()); /* a folder's order differs between machines */
     return names;
 }
 
@@ -142,7 +142,7 @@ bool parse_numbers(const std::string &text, char separator, std::vector<double> 
 struct byte_stream::inflater {
     z_stream stream = {};
     std::vector<unsigned char> input = std::vector<unsigned char>(1 << 16);
-    bool ended = false; /* of the data, checksum seen */
+    bool ended = false; /* end of the data, with correct checksum */
     bool is_raw = false;
     ~inflater() { inflateEnd(&stream); }
 };
@@ -239,7 +239,7 @@ pliant_modality modality_of(const std::string &word)
 
 void check_data_fits(const std::string &path, double bytes, double bytes_in_file, bool compressed)
 {
-    /* deflate cannot make data more than 1032 times smaller */
+    /* The maximum compression ratio of deflate is 1032. */
     if (compressed ? bytes > 1032.0 * bytes_in_file : bytes > bytes_in_file)
         fail(PLIANT_ERROR_FORMAT, "%s: truncated, or its header is wrong: %.0f bytes of voxels cannot be in the %.0f bytes%s that there are",
              path.c_str(), bytes, std::fmax(bytes_in_file, 0.0), compressed ? " (compressed)" : "");
@@ -292,8 +292,8 @@ double orthonormal_error(const double d[9])
     return error;
 }
 
-/* The nearest orthonormal matrix, by Newton's iteration D <- D (3 - D'D) / 2 (N. Higham, Computing the polar
- * decomposition, 1986). Three steps take 1e-2 below rounding. */
+/* Compute the nearest orthonormal matrix by Newton's iteration D <- D (3 - D'D) / 2 (N. Higham, Computing the polar
+ * decomposition, 1986). Three steps reduce an error of 1e-2 below rounding. */
 void repair_rounding(double d[9])
 {
     for (int step = 0; step < 4; step++) {

@@ -1,4 +1,4 @@
-/* Image files that are not DICOM, by content and ending. */
+/* Detects image files other than DICOM, by content and extension. */
 #include "scan/read.h"
 
 namespace pliant_read {

@@ -1,4 +1,5 @@
-/* A folder with a mask per segment, as TotalSegmentator writes without --ml: liver.nii.gz, spleen.nii.gz, ... */
+/* Reads a folder with one mask per segment, as written by TotalSegmentator without --ml: liver.nii.gz, spleen.nii.gz,
+ * ... */
 #include "scan/read_segments.h"
 
 #include "base/free_memory.h"
@@ -9,7 +10,7 @@ namespace pliant_read {
 
 namespace {
 
-/* The name of a mask without its ending; "" for other files. */
+/* Return the name of a mask without its extension; "" for other files. */
 std::string mask_name(const std::string &file)
 {
     for (const char *ending : {".nii.gz", ".nii", ".nrrd", ".mha", ".mhd"})
@@ -17,7 +18,7 @@ std::string mask_name(const std::string &file)
     return "";
 }
 
-/* Voxels that are freed with their owner. */
+/* Owner of voxels. */
 struct voxels_holder {
     void *voxels = nullptr;
     ~voxels_holder() { pliant_free(voxels); }

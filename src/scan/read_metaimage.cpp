@@ -1,5 +1,5 @@
-/* MetaImage (.mha, .mhd with its data file): a text header of "Key = value" lines.
- * Read here and not by ITK, whose reader takes truncated and damaged data for whole ones. */
+/* MetaImage (.mha, .mhd with its data file): a text header of "Key = value" lines. ITK's reader is not used, since it
+ * accepts truncated and damaged data. */
 #include "scan/read.h"
 
 #include <cmath>
@@ -14,7 +14,7 @@ struct text_header {
     std::map<std::string, std::string> values; /* by key in lower case */
     uint64_t bytes = 0;                        /* where local data begin */
 
-    /* The value of the first key that is there; "" when none is. */
+    /* Return the value of the first existing key; "" if there is no such key. */
     std::string text(std::initializer_list<const char *> keys) const
     {
         for (const char *key : keys) {
@@ -28,7 +28,7 @@ struct text_header {
         std::string value = lower_case(text(keys));
         return value.empty() ? otherwise : value[0] == 't' || value[0] == '1';
     }
-    /* count numbers; false when the key is missing */
+    /* Read `count` numbers. Return false if the key is missing. */
     bool numbers(std::initializer_list<const char *> keys, size_t count, std::vector<double> *out) const
     {
         std::string value = text(keys);
@@ -46,7 +46,7 @@ struct text_header {
     }
 };
 
-/* Up to and with the line ElementDataFile, which ends the header. */
+/* Read up to and including the line ElementDataFile, which ends the header. */
 text_header read_header(const std::string &path)
 {
     const size_t longest = 1 << 20;
@@ -108,7 +108,7 @@ grid read_grid(const text_header &header)
     else pliant_log(PLIANT_LOG_WARNING, "%s: no line ElementSpacing: a spacing of 1 mm is taken", header.path.c_str());
     if (header.numbers({"Offset", "Position", "Origin"}, n, &values))
         for (size_t d = 0; d < 3 && d < n; d++) grid.origin[d] = unit * values[d];
-    /* row r of the matrix in the file is the direction of axis r */
+    /* Row r of the matrix in the file is the direction of axis r. */
     if (header.numbers({"TransformMatrix", "Rotation", "Orientation"}, n * n, &values))
         for (size_t axis = 0; axis < 3 && axis < n; axis++)
             for (size_t row = 0; row < 3 && row < n; row++) grid.direction[3 * row + axis] = values[n * axis + row];
@@ -128,7 +128,7 @@ public:
     }
 };
 
-/* Where the data are: behind the header or in one other file. */
+/* Locate the data: after the header, or in another file. */
 void locate_data(const text_header &header, double data_bytes, metaimage_source *source)
 {
     std::string name = header.text({"ElementDataFile"});

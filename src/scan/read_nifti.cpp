@@ -1,6 +1,6 @@
-/* NIfTI-1 and NIfTI-2, one file or header and image (https://nifti.nimh.nih.gov/nifti-1).
- * Read here and not by ITK, whose reader replaces NaN by 0, fills the end of truncated data with zeros, leaves the
- * origin of files in metres unscaled, and refuses valid sforms far from the origin. */
+/* NIfTI-1 and NIfTI-2, as one file or as header and image (https://nifti.nimh.nih.gov/nifti-1). ITK's reader is not
+ * used. It replaces NaN by 0, fills truncated data with zeros, does not scale the origin of files in metres, and
+ * refuses valid sforms far from the origin. */
 #include "scan/read_segments.h"
 
 #include <algorithm>
@@ -13,14 +13,14 @@ namespace {
 
 enum { SIZE_1 = 348, SIZE_2 = 540 };
 
-/* Where the fields of the two versions lie; [byte] */
+/* Offsets of the fields in both versions [byte] */
 struct layout {
     size_t dim, datatype, pixdim, vox_offset, scl_slope, scl_inter, xyzt_units, qform_code, sform_code, quatern, qoffset, srow, descrip;
 };
 const layout layout_1 = {40, 70, 76, 108, 112, 116, 123, 252, 254, 256, 268, 280, 148};
 const layout layout_2 = {16, 12, 104, 168, 176, 184, 500, 344, 348, 352, 376, 400, 240};
 
-/* Header bytes with their version and byte order. */
+/* Header bytes with version and byte order. */
 class fields {
 public:
     fields(std::string bytes, int version, bool swap) : bytes_(std::move(bytes)), version_(version), swap_(swap) {}
@@ -54,7 +54,7 @@ private:
     bool swap_;
 };
 
-/* 1, 2, or 0 when it is no NIfTI header; -1 for Analyze 7.5. */
+/* Return 1, 2, or 0 for no NIfTI header; -1 for Analyze 7.5. */
 int version_of(const std::string &bytes, bool *swap)
 {
     if (bytes.size() < SIZE_1) return 0;
@@ -79,7 +79,7 @@ bool is_gzip(const std::string &path)
     return start.size() == 2 && start[0] == '\x1f' && start[1] == '\x8b';
 }
 
-/* First bytes, decompressed; fewer when the file is shorter or broken. */
+/* Return the first bytes, decompressed; fewer if the file is shorter or damaged. */
 std::string header_bytes(const std::string &path)
 {
     std::string bytes(SIZE_2, '\0');
@@ -112,8 +112,8 @@ component component_of(const std::string &path, int datatype)
     }
 }
 
-/* NIfTI has no field for it. Who converts DICOM leaves the echo time of an MR in the description: "TE=30;Time=..." (0
- * for CT), "3T 3D GR TR=2300ms/TE=2.98ms". */
+/* Return the modality from the description, since NIfTI has no field for it. DICOM converters write the echo time of an
+ * MR there: "TE=30;Time=..." (0 for CT), "3T 3D GR TR=2300ms/TE=2.98ms". */
 pliant_modality modality_in(const std::string &descrip)
 {
     size_t echo = descrip.find("TE=");
@@ -123,7 +123,7 @@ pliant_modality modality_in(const std::string &descrip)
     return parse_numbers(digits, ' ', &time) && time.size() == 1 && time[0] > 0.0 ? PLIANT_MODALITY_MR : PLIANT_MODALITY_UNKNOWN;
 }
 
-/* Columns of a RAS matrix [mm] as spacing, direction and origin in LPS. */
+/* Convert the columns of a RAS matrix [mm] to spacing, direction and origin in LPS. */
 void from_affine(const double affine[12], grid *grid)
 {
     for (int d = 0; d < 3; d++) {
@@ -139,7 +139,7 @@ void from_affine(const double affine[12], grid *grid)
     grid->origin[2] = affine[11];
 }
 
-/* No three axes that span space: a column of zeros, two that are parallel, numbers that are not finite. */
+/* Return whether the axes do not span space: a zero column, parallel columns, or numbers that are not finite. */
 bool is_singular(const double affine[12])
 {
     double lengths = 1.0;
@@ -164,13 +164,14 @@ void affine_from_sform(const fields &header, double unit, double affine[12])
     for (size_t n = 0; n < 12; n++) affine[n] = unit * header.real(header.at().srow, n);
 }
 
-/* Unit quaternion (a, b, c, d) with a >= 0 left out, and the handedness in pixdim[0]. */
+/* Compute the matrix of the qform: a unit quaternion (a, b, c, d), a >= 0 being omitted, and the handedness in
+ * pixdim[0]. */
 void affine_from_qform(const std::string &path, const fields &header, double unit, double affine[12])
 {
     double b = header.real(header.at().quatern, 0), c = header.real(header.at().quatern, 1), d = header.real(header.at().quatern, 2);
     double rest = 1.0 - (b * b + c * c + d * d), a = std::sqrt(std::fmax(rest, 0.0));
     if (!(rest > -1e-3)) fail(PLIANT_ERROR_FORMAT, "%s: the quaternion (%g, %g, %g) of the qform is no rotation", path.c_str(), b, c, d);
-    double norm = std::sqrt(a * a + b * b + c * c + d * d); /* 1 but for rounding of a half turn */
+    double norm = std::sqrt(a * a + b * b + c * c + d * d); /* 1, except for rounding errors of a half turn */
     a /= norm;
     b /= norm;
     c /= norm;
@@ -188,8 +189,8 @@ void affine_from_qform(const std::string &path, const fields &header, double uni
     }
 }
 
-/* The spacing of a good sform counts. pixdim may have a sign, which means nothing, or be no length; another length is a
- * contradiction. */
+/* Check pixdim against the spacing of a valid sform. pixdim may have a sign, which has no meaning, or be no length.
+ * Another length is a contradiction. */
 void check_pixdim(const std::string &path, const double pixdim[3], const grid &grid)
 {
     for (int d = 0; d < 3; d++) {
@@ -205,8 +206,9 @@ void check_pixdim(const std::string &path, const double pixdim[3], const grid &g
     }
 }
 
-/* The sform where it is one of right angles, else the qform, else pixdim alone (the standard's methods 3, 2, 1; where a
- * header has both it leaves the choice to who reads, and both describe the same voxels). */
+/* Read the grid from the sform if its axes are orthogonal, otherwise from the qform, otherwise from pixdim alone. These
+ * are methods 3, 2, 1 of the standard. If a header has both forms, both describe the same voxels and the reader may
+ * choose. */
 void read_grid(const std::string &path, const fields &header, grid *grid)
 {
     const layout &at = header.at();
@@ -263,8 +265,8 @@ std::string image_file(const std::string &path)
     fail(PLIANT_ERROR_FILE, "%s: its voxels should be in %s.img or %s.img.gz, neither is there", path.c_str(), base.c_str(), base.c_str());
 }
 
-/* Labels by the table of a header extension: <Label Key="5" ...><![CDATA[liver]]></Label> (Caret's XML, which
- * TotalSegmentator writes). */
+/* Parse the label table of a header extension: <Label Key="5" ...><![CDATA[liver]]></Label> (Caret's XML, written by
+ * TotalSegmentator). */
 std::vector<pliant_label_segment> named_labels(const std::string &text)
 {
     std::vector<pliant_label_segment> labels;
@@ -353,7 +355,7 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
 
     std::string data_path = one_file ? path : image_file(path);
     double offset = header.vox_offset();
-    /* some writers leave 0 in one-file headers: the data then follow the header and its four extension bytes */
+    /* Some writers leave 0 in one-file headers. The data then follow the header and its four extension bytes. */
     if (one_file && offset == 0.0) offset = static_cast<double>(header_size + 4);
     if (!(offset >= (one_file ? static_cast<double>(header_size) : 0.0)) || offset > 1e12 || offset != std::floor(offset))
         fail(PLIANT_ERROR_FORMAT, "%s: vox_offset is %g, the voxels cannot begin there", path.c_str(), offset);
@@ -364,7 +366,7 @@ std::unique_ptr<image_source> open_nifti(const std::string &path)
     source->header.type = type;
     source->header.whole_numbers = component_is_integer(type);
     double slope = header.real(header.at().scl_slope), intercept = header.real(header.at().scl_inter);
-    /* the standard: a slope of 0 means no scaling; writers that mean none also leave NaN */
+    /* By the standard a slope of 0 means no scaling. Some writers use NaN instead. */
     if (slope != 0.0 && std::isfinite(slope) && std::isfinite(intercept)) {
         source->header.slope = slope;
         source->header.intercept = intercept;

@@ -32,7 +32,7 @@ component component_of(const nrrd_header &header)
     return found->second;
 }
 
-/* Millimetres per unit of the space. */
+/* Return millimetres per unit of the space. */
 double unit_in_millimetres(const nrrd_header &header)
 {
     std::string units = header.text("spaceunits");
@@ -61,7 +61,7 @@ bool parse_vector(const nrrd_header &header, const std::string &word, double out
     return true;
 }
 
-/* Vectors may be written with blanks in them: "(1, 0, 0)". */
+/* Split vectors, which may contain blanks: "(1, 0, 0)". */
 std::vector<std::string> vector_words(const std::string &text)
 {
     std::vector<std::string> words(1);
@@ -75,7 +75,7 @@ std::vector<std::string> vector_words(const std::string &text)
     return words;
 }
 
-/* Signs that take the space to LPS. */
+/* Compute the signs that convert the space to LPS. */
 void space_signs(const nrrd_header &header, double sign[3])
 {
     std::string space = lower_case(header.text("space"));
@@ -94,7 +94,7 @@ void space_signs(const nrrd_header &header, double sign[3])
     fail(PLIANT_ERROR_FORMAT, "%s: %.0f values per voxel (%.40s); one is needed", header.path.c_str(), count, kind.c_str());
 }
 
-/* Fields on the positions of axes in a header without an orientation; empty if they are missing. */
+/* Axis positions in a header without an orientation; empty if they are missing. */
 struct scalar_axes {
     std::vector<double> spacings, mins, maxs;
     std::vector<std::string> centers;
@@ -111,7 +111,7 @@ scalar_axes read_scalar_axes(const nrrd_header &header, size_t n)
 }
 
 /* Set spacing, direction and the centre of the first voxel along axis d. The minimum is the edge of the first voxel, or
- * its centre if voxels are centred at nodes; cells are the default. An axis of negative spacing runs the other way. */
+ * its centre if voxels are centred at nodes; cells are the default. An axis of negative spacing is reversed. */
 void place_axis(const scalar_axes &axes, size_t axis, double size, double unit, size_t d, grid *grid)
 {
     const bool node = axis < axes.centers.size() && axes.centers[axis] == "node";
@@ -125,8 +125,8 @@ void place_axis(const scalar_axes &axes, size_t axis, double size, double unit, 
     if (std::isfinite(min)) grid->origin[d] = unit * (node ? min : min + 0.5 * spacing);
 }
 
-/* Return the axes that lie in space. Other axes must have size 1, except for the layers of a segmentation. @param
- * layers Nullable: no segmentation */
+/* Return the spatial axes. Other axes must have size 1, except for the layers of a segmentation.
+ * @param layers  Nullable: no segmentation. */
 grid read_grid(const nrrd_header &header, nrrd_layers *layers)
 {
     double dimensions = header.whole("dimension", 0);
@@ -231,7 +231,7 @@ void locate_data(const nrrd_header &header, double data_bytes, nrrd_data *data)
     if (skip < 0)
         fail(PLIANT_ERROR_FORMAT, "%s: truncated: %.0f bytes of data in %s, the header asks for %.0f", path, inside, data->path.c_str(), data_bytes);
     data->skip = static_cast<uint64_t>(skip);
-    /* a data file that is longer than the voxels has something in front of them that the header forgot */
+    /* If a data file is longer than the voxels, it has additional data before them that the header does not mention. */
     if (alone && !header.has("byteskip") && lines == 0 && inside != std::fmod(data_bytes, data->compressed ? 4294967296.0 : HUGE_VAL))
         fail(PLIANT_ERROR_FORMAT, "%s: %.0f bytes of data in %s, but the header asks for %.0f: truncated, or a byte skip is missing", path, inside,
              name.c_str(), data_bytes);

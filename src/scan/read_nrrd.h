@@ -1,4 +1,4 @@
-/* The header of a NRRD file, for its readers. */
+/* The header of a NRRD file. */
 #ifndef PLIANT_SCAN_READ_NRRD_H
 #define PLIANT_SCAN_READ_NRRD_H
 

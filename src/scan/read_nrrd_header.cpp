@@ -1,4 +1,4 @@
-/* The text header of a NRRD file: "field: value" and "key:=value" lines up to an empty one
+/* The text header of a NRRD file: "field: value" and "key:=value" lines up to an empty line
  * (http://teem.sourceforge.net/nrrd/format.html). */
 #include "scan/read_nrrd.h"
 
@@ -53,7 +53,7 @@ std::unique_ptr<byte_stream> nrrd_data::open() const
 
 namespace {
 
-/* The value of a pair escapes new lines and backslashes by a backslash. */
+/* Resolve the escapes of a pair's value: new lines and backslashes are escaped by a backslash. */
 std::string unescaped(const std::string &text)
 {
     std::string out;

@@ -1,6 +1,6 @@
 /* Segmentations of 3D Slicer (.seg.nrrd, Libs/MRML/Core/vtkMRMLSegmentationStorageNode.h). They are NRRD files with one
- * or several layers of labels. "SegmentN_...:=" lines describe every segment. Space origin is the position of the first
- * cropped voxel, so that Segmentation_ReferenceImageExtentOffset and SegmentN_Extent are not needed. */
+ * or several layers of labels. "SegmentN_...:=" lines describe every segment. The space origin is the position of the
+ * first cropped voxel. Segmentation_ReferenceImageExtentOffset and SegmentN_Extent are therefore not needed. */
 #include "scan/read_nrrd.h"
 #include "scan/read_segments.h"
 
@@ -13,7 +13,7 @@ namespace pliant_read {
 
 namespace {
 
-/* N of "segmentN_name", or -1. */
+/* Return N of "segmentN_name", or -1. */
 long number_of_key(const std::string &key)
 {
     const std::string start = "segment";
@@ -40,8 +40,8 @@ std::string meaning_of(const std::vector<std::string> &entry, size_t part)
     return words.size() == 3 ? trimmed(words[2]) : "";
 }
 
-/* "Left Kidney": modifier and type of "TerminologyEntry:context~category~type~modifier~...". "Tissue" is what Slicer
- * gives every new segment. */
+/* Return "Left Kidney" from modifier and type of "TerminologyEntry:context~category~type~modifier~...". Slicer assigns
+ * "Tissue" to every new segment, so it is ignored. */
 std::string terminology_of(const std::string &tags)
 {
     const std::string start = "TerminologyEntry:";
@@ -90,7 +90,7 @@ private:
                  header_.path.c_str(), number, written, value.c_str(), low, high);
         return static_cast<size_t>(numbers[0]);
     }
-    /* Files of Slicer 4.10 and older have a layer for every segment, which is 1 there. */
+    /* Files of Slicer 4.10 and older have a layer with value 1 for every segment. */
     described describe(long number, size_t count) const
     {
         described out = {};
@@ -154,10 +154,10 @@ private:
     component type_;
     nrrd_layers layers_;
     std::unordered_map<uint64_t, size_t> of_value_; /* layer << 16 | value: position of the segment, from 1 */
-    uint64_t last_key_ = 0;                         /* neighbours have the same one, as a rule */
+    uint64_t last_key_ = 0;                         /* neighbours usually have the same one */
     size_t last_segment_ = 0;
 
-    /* 0: no segment has this value */
+    /* Return the position of the segment with this value; 0: none. */
     size_t segment_of(size_t layer, size_t value)
     {
         const uint64_t key = layer << 16 | value;

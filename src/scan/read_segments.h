@@ -37,8 +37,9 @@ private:
     const std::vector<pliant_label_segment> &segments_;
     size_t count_;
     uint16_t *voxels_; /* position of the segment, from 1 */
-    std::map<std::pair<int, int>, size_t> overlaps_; /* voxels of the earlier segment that the later one takes */
-    std::vector<bool> is_shared_;                    /* by several segments; empty: none is */
+    /* Number of voxels that the later segment takes from the earlier one. */
+    std::map<std::pair<int, int>, size_t> overlaps_;
+    std::vector<bool> is_shared_;                    /* by several segments; empty: no voxel is shared */
 
     void overlap(size_t voxel, int earlier, int later)
     {

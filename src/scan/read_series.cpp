@@ -1,5 +1,6 @@
-/* The slices of a DICOM series as one regular grid. Slice spacing comes from ImagePositionPatient; SliceThickness,
- * SpacingBetweenSlices and the order of files or instance numbers are not looked at (DICOM PS3.3 C.7.6.2). */
+/* Builds a regular grid from the slices of a DICOM series. The slice spacing comes from ImagePositionPatient.
+ * SliceThickness, SpacingBetweenSlices, and the order of files or instance numbers are ignored (DICOM PS3.3
+ * C.7.6.2). */
 #include "scan/read_dicom.h"
 
 #include <algorithm>
@@ -28,7 +29,7 @@ const size_t MOST_NAMES = 8; /* in a message */
 
 std::string place_of(const dicom_slice &slice) { return folder_of(slice.path) + slice.name; }
 
-/* Return the name of a property that a slice needs and lacks; "" if it lacks none. */
+/* Return the name of a missing property that a slice needs; "" if all exist. */
 std::string lack_of(const dicom_slice &slice)
 {
     if (!slice.problem.empty()) return slice.problem;
@@ -39,7 +40,7 @@ std::string lack_of(const dicom_slice &slice)
     return "";
 }
 
-/* Return why two complete slices cannot lie in one stack; "" if they can. */
+/* Return why two complete slices cannot be in one stack; "" if they can. */
 std::string difference(const dicom_slice &slice, const dicom_slice &other)
 {
     char text[400] = "";
@@ -57,7 +58,7 @@ std::string difference(const dicom_slice &slice, const dicom_slice &other)
     return text;
 }
 
-/* Slices that can lie in one stack, by their numbers. */
+/* Group the slices that can be in one stack, by index. */
 std::vector<std::vector<size_t>> groups_of(const std::vector<dicom_slice> &slices,
                                            const std::vector<size_t> &candidates)
 {
@@ -81,8 +82,8 @@ std::string why_left_out(const dicom_slice &slice, const dicom_slice &kept)
     return place_of(slice) + ": " + (slice.is_scout ? "a scout (ImageType says LOCALIZER)" : difference(slice, kept));
 }
 
-/* Keep the stack of a series that also holds scouts, pictures or other views. Return why each other image was left out,
- * for messages. */
+/* Keep the stack of a series that also contains scouts, pictures or other views. Return why each other image was left
+ * out, for messages. */
 std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slices)
 {
     std::vector<size_t> placed, candidates;
@@ -114,7 +115,7 @@ std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slic
         if (is_kept[n]) continue;
         const std::string why = why_left_out((*slices)[n], kept.front());
         if (files.count((*slices)[n].path))
-            fail(PLIANT_ERROR_FORMAT, "%s", why.c_str()); /* its file also holds slices of the stack */
+            fail(PLIANT_ERROR_FORMAT, "%s", why.c_str()); /* its file also contains slices of the stack */
         if (named++ < MOST_NAMES) text += (text.empty() ? "" : "; ") + why;
     }
     if (named > MOST_NAMES) text += "; and " + std::to_string(named - MOST_NAMES) + " more";
@@ -131,7 +132,7 @@ std::string keep_stack(const std::string &folder, std::vector<dicom_slice> *slic
     return text;
 }
 
-/* Fail if the numbers of the slices have different meanings. */
+/* Fail if the values of the slices have different meanings. */
 void check_alike(const std::vector<dicom_slice> &slices)
 {
     const dicom_slice &first = slices.front();
@@ -159,12 +160,12 @@ void check_duplicates(const std::string &folder, const std::vector<dicom_slice> 
     }
 }
 
-/* Places on one line at one distance. */
+/* Positions on a line with constant distance. */
 struct regular {
-    double step, first[3]; /* along the normal; where the first slice should be [mm] */
+    double step, first[3]; /* along the normal; position of the first slice [mm] */
 };
 
-/* Return the regular places nearest to the slices (least squares). */
+/* Fit regular positions to the slices (least squares). */
 regular fit_line(const std::vector<dicom_slice> &sorted, const double normal[3])
 {
     const double count = static_cast<double>(sorted.size()), middle = 0.5 * (count - 1.0);
@@ -181,7 +182,7 @@ regular fit_line(const std::vector<dicom_slice> &sorted, const double normal[3])
     return line;
 }
 
-/* Fail if a gap is a multiple of the usual one. */
+/* Fail if a gap is a multiple of the usual gap. */
 void check_missing(const std::string &folder, const std::vector<dicom_slice> &sorted, const std::vector<double> &gaps,
                    double usual)
 {
@@ -203,8 +204,8 @@ double sideways(const dicom_slice &slice, const double from[3], const double nor
     return std::sqrt(square);
 }
 
-/* Return the regular places of slices that stand one step apart along a line. A deviation by a fiftieth of a step, or
- * by a tenth of a pixel sideways, is rounding. Places rounded to 0.1 mm, or off by a twentieth of a step, give a
+/* Return the regular positions of slices that are one step apart along a line. Deviations up to a fiftieth of a step,
+ * or a tenth of a pixel sideways, are rounding. Positions rounded to 0.1 mm, or off by a twentieth of a step, cause a
  * warning. */
 regular check_steps(const std::string &folder, const std::vector<dicom_slice> &sorted, const double normal[3])
 {
@@ -213,7 +214,7 @@ regular check_steps(const std::string &folder, const std::vector<dicom_slice> &s
                     {first.position[0], first.position[1], first.position[2]}};
     const regular fitted = fit_line(sorted, normal);
     const double fitted_along = dot(fitted.first, normal), pixel = std::min(first.spacing[0], first.spacing[1]);
-    const double slack = 1.0 + 1e-6, rounding = 0.1 * slack; /* [mm]; less where voxels are small */
+    const double slack = 1.0 + 1e-6, rounding = 0.1 * slack; /* [mm]; less for small voxels */
     std::vector<double> gaps;
     for (size_t n = 1; n < sorted.size(); n++) gaps.push_back(sorted[n].along - sorted[n - 1].along);
     std::vector<double> ordered = gaps;
@@ -315,10 +316,10 @@ void rescale_any(const void *from, const dicom_pixels &pixels, double *to)
     }
 }
 
-/* The voxels that are padding by their values; empty if no image declares padding. */
+/* The voxels whose values are padding; empty if no image declares padding. */
 struct padding {
     std::vector<bool> is_padded;
-    bool at_corner = false; /* of an image, as around a circular field of view */
+    bool at_corner = false; /* at a corner of an image, as around a circular field of view */
 
     void add(const std::vector<bool> &image, size_t begin, size_t columns, size_t voxels)
     {
@@ -329,8 +330,8 @@ struct padding {
     }
 };
 
-/* Give padding a value that is no tissue: the smallest of the image, in a CT at most `darkest`. Return false if the
- * declared value is an ordinary one: it lies between other values, and no corner of an image has it. */
+/* Assign a value to padding that is no tissue: the smallest of the image, in a CT at most `darkest`. Return false if
+ * the declared value is an ordinary one, which lies between other values and occurs at no corner of an image. */
 template <class Number>
 bool fill_padding(const image_header &header, const padding &padding, double darkest, void *values)
 {
@@ -371,7 +372,7 @@ bool fill_padding_any(const image_header &header, const padding &padding, double
     }
 }
 
-/* value -> smallest + largest - value: bright and dark change places, the range stays. */
+/* Replace value by smallest + largest - value: bright and dark are exchanged, the range stays. */
 template <class Number> void turn_round(void *values, size_t count)
 {
     Number *v = static_cast<Number *>(values);
@@ -394,7 +395,7 @@ void turn_round_any(component type, void *values, size_t count)
     }
 }
 
-/* Slices of one type and scale are kept as stored; others (PET, some MRI) are rescaled one by one as double. */
+/* Slices of one type and scale are kept as stored. Others (PET, some MRI) are rescaled one by one as double. */
 class series_source : public image_source {
 public:
     explicit series_source(std::vector<dicom_slice> slices) : slices_(std::move(slices))

@@ -1,5 +1,5 @@
-/* Other voxel counts for the same box. The old index of a new voxel depends on one axis at a time, so neighbours
- * and weights are tabulated per axis. */
+/* Resamples a volume to other voxel counts in the same box. The old index of a new voxel depends on one axis at a time,
+ * so neighbours and weights are tabulated per axis. */
 #include "pliant/scan.h"
 
 #include "base/fail.h"
@@ -14,7 +14,7 @@ typedef struct neighbours {
     float weight;
 } neighbours;
 
-/* Old continuous index of the centre of a new voxel: the boxes agree edge to edge. */
+/* Return the old continuous index of a new voxel's centre. The boxes have equal edges. */
 static double old_index(int32_t new_index, int32_t new_size, int32_t old_size)
 {
     return (new_index + 0.5) * ((double)old_size / new_size) - 0.5;
@@ -32,7 +32,8 @@ static void tabulate(int32_t new_size, int32_t old_size, size_t stride, neighbou
     }
 }
 
-/* Nearest old voxel; exactly between two: the lower one, so that the choice does not depend on rounding. */
+/* Tabulate the nearest old voxel. Between two the lower one is chosen, so that the choice does not depend on
+ * rounding. */
 static void tabulate_nearest(int32_t new_size, int32_t old_size, size_t stride, size_t *out)
 {
     for (int32_t n = 0; n < new_size; n++) {
@@ -47,7 +48,8 @@ static uint8_t to_uint8(float value) { return (uint8_t)(value + 0.5f); }
 static int16_t to_int16(float value) { return (int16_t)floorf(value + 0.5f); }
 static float to_float(float value) { return value; }
 
-/* One row of new voxels. Interpolated values lie between their neighbours, so they fit the type again. */
+/* Define the computation of one row of new voxels. Interpolated values are between their neighbours, so they fit in the
+ * type. */
 #define DEFINE_ROW(name, type, convert)                                                                             \
     static void name(const type *old, const neighbours *x, neighbours y, neighbours z, int32_t count, type *out)    \
     {                                                                                                               \

@@ -1,4 +1,4 @@
-/* From values to labelled pieces: histogram, mixture, neighbours that agree, pieces. */
+/* Segmentation from values to labelled pieces: histogram, mixture, neighbour agreement, pieces. */
 #include "scan/segment.h"
 
 #include "base/fail.h"
@@ -33,9 +33,9 @@ static pliant_status check(const pliant_volume *scan, const pliant_segment_optio
     return PLIANT_OK;
 }
 
-/* Bins over what lies between the outermost thousandths of the values, so that a few extreme ones do not widen them.
- * Stored integers span at least a bin each: bins narrower than a step of the values would stay empty in between. In a
- * picture of a few integers, such as a mask, each integer is a spike. */
+/* Set the bins between the outermost thousandths of the values, so that extreme values do not widen them. Stored
+ * integers span at least a bin each: narrower bins would be empty between the values. In a volume with few integers,
+ * such as a mask, each integer is a spike. */
 void segment_set_bins(const pliant_volume *scan, double least, double most, const uint32_t *count, segment_histogram *histogram)
 {
     const double scale = most > least ? (SEGMENT_FINE_BINS - 1) / (most - least) : 0, outside = 1e-3 * (double)pliant_geometry_voxels(&scan->geometry);
@@ -178,7 +178,7 @@ typedef struct field {
     uint8_t *classes;
 } field;
 
-/* One voxel's best class given its six neighbours; true when it changed. */
+/* Choose the best class of a voxel given its six neighbours. Return whether it has changed. */
 static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
 {
     const int32_t row = f->size[0], slice = f->size[0] * f->size[1];
@@ -195,7 +195,7 @@ static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
     for (int n = 0; n < num; n++) alike = alike && around[n] == *c;
     const float *logs = f->logs + f->bins[v] * PLIANT_MAX_CLASSES;
     float score[PLIANT_MAX_CLASSES] = {0};
-    if (alike) { /* nothing else gains from the neighbours: only a class that is better by all six can win */
+    if (alike) { /* no other class gains from the neighbours: only a class that is better by all six can win */
         float own = logs[*c] + (float)num * f->coherence;
         int best = *c;
         for (int n = 0; n < f->count; n++)
@@ -214,8 +214,8 @@ static bool improve(const field *f, int32_t i, int32_t j, int32_t k)
     return true;
 }
 
-/* Iterated conditional modes (Besag 1986) of a Potts field, on one colour of a chessboard after the other: the voxels
- * of a colour do not see each other, so their order does not matter. */
+/* Run iterated conditional modes (Besag 1986) of a Potts field, on one colour of a chessboard after the other. Voxels
+ * of one colour are independent, so their order has no effect. */
 static void agree(const field *f, int num_threads)
 {
     for (int sweep = 0; sweep < SEGMENT_SWEEPS; sweep++) {
@@ -259,7 +259,7 @@ pliant_status segment_name(const pliant_geometry *geometry, segment_tally *talli
     return PLIANT_OK;
 }
 
-/* Pieces by size, their means; the label of every voxel. */
+/* Label the pieces by size, and compute their means and the label of every voxel. */
 static pliant_status tell(const pliant_volume *scan, const uint8_t *classes, const int32_t *piece, int32_t count, pliant_segmentation *out)
 {
     const pliant_geometry *geometry = &scan->geometry;

@@ -1,4 +1,4 @@
-/* The steps of a segmentation. */
+/* Steps of a segmentation. */
 #ifndef PLIANT_SCAN_SEGMENT_H
 #define PLIANT_SCAN_SEGMENT_H
 
@@ -16,7 +16,7 @@ typedef struct segment_histogram {
     double low, width;          /* lower edge of the first bin, width of a bin */
     double count[SEGMENT_BINS];
     double total;
-    double noise;               /* standard deviation of the values' noise */
+    double noise;               /* standard deviation of the noise */
 } segment_histogram;
 
 /* A mixture for each number of classes, [number - 1]. likelihood: mean log likelihood of a voxel. */
@@ -36,36 +36,38 @@ void segment_set_bins(const pliant_volume *scan, double least, double most, cons
 void segment_set_noise(const int64_t count[SEGMENT_BINS], segment_histogram *histogram);
 /* Return the maximum difference in bins that noise alone can cause. */
 int segment_reach(const segment_histogram *histogram);
-/* Labels of pieces by size, their means. tallies (count) are sorted; label: out, (count). Errors: FORMAT, MEMORY. */
+/* Label the pieces by size and compute their means. tallies: (count), sorted here; label: out: (count). Errors: FORMAT,
+ * MEMORY. */
 pliant_status segment_name(const pliant_geometry *geometry, segment_tally *tallies, int32_t count, uint16_t *label, pliant_segmentation *out);
 
-/* Who segments in place of the CPU. */
+/* A device that can run segmentations instead of the CPU. */
 typedef struct pliant_segment_device {
     pliant_probe probe;
-    /* pliant_segment, of checked arguments, out zeroed. What it leaves in out on an error is freed by the caller. */
+    /* Run pliant_segment with checked arguments; `out` is zeroed. The caller frees partial results after an error. */
     pliant_status (*segment)(const pliant_volume *scan, const pliant_segment_options *options, pliant_segmentation *out);
 } pliant_segment_device;
 #ifdef PLIANT_WITH_CUDA
 extern const pliant_segment_device pliant_cuda_segment_device;
 #endif
 
-/* ---- segment_mixture.c */
-/* Fit by expectation and maximization, from one class up to `most`: of each number the best split of the one before. */
+/* ---- Implemented in segment_mixture.c. */
+/* Fit mixtures by expectation maximization, from one class up to `most`. Each mixture is the best split of a class of
+ * the previous one. */
 void segment_fit(const segment_histogram *histogram, int most, segment_fits *out);
-/* The one that the options ask for, or that of the best BIC. out has room for PLIANT_MAX_CLASSES, ascending means;
- * returns how many. */
+/* Choose the mixture with the requested number of classes, or with the best BIC. Return its number of classes.
+ * @param out  (PLIANT_MAX_CLASSES) out: classes with ascending means. */
 int segment_best(const segment_histogram *histogram, const pliant_segment_options *options, const segment_fits *fits, pliant_segment_class *out,
                  double *criterion);
 int segment_most_classes(const pliant_segment_options *options);
-/* log of weight times density at every bin: (SEGMENT_BINS x PLIANT_MAX_CLASSES) */
+/* Compute the logarithm of weight times density for every bin: (SEGMENT_BINS x PLIANT_MAX_CLASSES). */
 void segment_log_densities(const segment_histogram *histogram, const pliant_segment_class *classes, int count, float *out);
 
-/* ---- segment_pieces.c */
-/* Connected voxels (6 neighbours) of one class: piece of every voxel, in the order of their first voxels. Errors:
- * MEMORY. */
+/* ---- Implemented in segment_pieces.c. */
+/* Find connected voxels (6 neighbours) of one class. piece: out: piece of every voxel, numbered by their first voxels.
+ * Errors: MEMORY. */
 pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_voxel, int32_t *piece, int32_t *count);
-/* Voxels of pieces below `least` voxels take the class of the nearest voxel of a larger piece, in steps to neighbours;
- * when none is that large, nothing changes. Errors: MEMORY. */
+/* Absorb pieces of less than `least` voxels: their voxels take the class of the nearest voxel of a larger piece, in
+ * steps to neighbours. Without a larger piece, no voxel changes. Errors: MEMORY. */
 pliant_status segment_absorb(const int32_t size[3], const int32_t *piece, int32_t count, double least, uint8_t *class_of_voxel);
 
 #ifdef __cplusplus

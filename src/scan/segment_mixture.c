@@ -1,4 +1,4 @@
-/* A mixture of Gaussians on a histogram, in the log domain (Dempster, Laird and Rubin 1977). */
+/* A mixture of Gaussians on a histogram, computed with logarithms (Dempster, Laird and Rubin 1977). */
 #include "scan/segment.h"
 
 #include <math.h>
@@ -6,8 +6,8 @@
 
 enum { TRIAL_PASSES = 30, FINAL_PASSES = 200 };
 
-/* Neighbouring voxels are alike: the scanner's resolution and the noise's reach span a few voxels along each axis, so a
- * volume holds about so many voxels for each independent one. Without this BIC would always take the largest number. */
+/* Voxels per independent sample. Neighbouring voxels are correlated: the scanner's resolution and the noise extend over
+ * a few voxels along each axis. Without this factor BIC would always choose the largest number of classes. */
 static const double voxels_a_sample = 64;
 
 static double value_of(const segment_histogram *histogram, int bin) { return histogram->low + (bin + 0.5) * histogram->width; }
@@ -18,7 +18,7 @@ static double log_density(const pliant_segment_class *c, double value)
     return log(c->weight) - log(c->deviation) - 0.91893853320467274178 /* log(2 pi) / 2 */ - 0.5 * apart * apart;
 }
 
-/* log of the sum of exponentials, and each one's part of it */
+/* Return the logarithm of the sum of exponentials. part: out: fraction of each. */
 static double responsibilities(const pliant_segment_class *classes, int count, double value, double *part)
 {
     double largest = -INFINITY, sum = 0;
@@ -31,7 +31,7 @@ static double responsibilities(const pliant_segment_class *classes, int count, d
     return largest + log(sum);
 }
 
-/* Passes until the mean log likelihood of a voxel stands still; returns it. */
+/* Iterate until the mean log likelihood of a voxel is constant, and return it. */
 static double maximize(const segment_histogram *histogram, pliant_segment_class *classes, int count, int passes)
 {
     /* Lower limit of a class's width: the resolution of bins and noise. Otherwise a spike (padding) would have infinite
@@ -67,7 +67,7 @@ static double maximize(const segment_histogram *histogram, pliant_segment_class 
     return likelihood;
 }
 
-/* a class as two, side by side */
+/* Split a class into two adjacent classes. */
 static void split(pliant_segment_class *classes, int count, int which)
 {
     pliant_segment_class *one = classes + which, *other = classes + count;
@@ -94,7 +94,7 @@ static void sort(pliant_segment_class *classes, int count)
         }
 }
 
-/* four bins in one of them: a quarter of the work for what need not be exact */
+/* Combine four bins into one of them, for trials that need not be exact: a quarter of the work. */
 static void coarsen(const segment_histogram *histogram, segment_histogram *out)
 {
     *out = *histogram;
@@ -102,7 +102,7 @@ static void coarsen(const segment_histogram *histogram, segment_histogram *out)
     for (int bin = 0; bin < SEGMENT_BINS; bin++) out->count[bin / 4 * 4 + 1 + (bin / 4 & 1)] += histogram->count[bin];
 }
 
-/* the best of all splits, on the coarse histogram, to the end on the fine one; returns its likelihood */
+/* Choose the best split on the coarse histogram, and iterate it to the end on the fine one. Return its likelihood. */
 static double grow(const segment_histogram *histogram, const segment_histogram *coarse, pliant_segment_class *classes, int count)
 {
     pliant_segment_class best[PLIANT_MAX_CLASSES];

@@ -1,4 +1,4 @@
-/* Connected pieces of one class, and specks that join their neighbours. */
+/* Connected pieces of one class, and absorption of small pieces. */
 #include "base/fail.h"
 #include "pliant/memory.h"
 #include "scan/segment.h"
@@ -14,7 +14,7 @@ static int32_t root_of(int32_t *parent, int32_t v)
     return v;
 }
 
-/* the lower index becomes the root, so that a piece is named by its first voxel */
+/* Join two pieces. The lower index becomes the root, so that a piece has the number of its first voxel. */
 static void join(int32_t *parent, int32_t a, int32_t b)
 {
     a = root_of(parent, a);
@@ -33,7 +33,7 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
                 uint8_t c = class_of_voxel[v];
                 bool along = i > 0 && class_of_voxel[v - 1] == c;
                 piece[v] = along ? piece[v - 1] : v;
-                /* the voxel before has joined the same neighbour where that neighbour's own one before is alike too */
+                /* If the previous voxel and its neighbour are of the same class, they have been joined already. */
                 if (j > 0 && class_of_voxel[v - row] == c && !(along && class_of_voxel[v - row - 1] == c)) join(piece, v, v - row);
                 if (k > 0 && class_of_voxel[v - slice] == c && !(along && class_of_voxel[v - slice - 1] == c)) join(piece, v, v - slice);
             }

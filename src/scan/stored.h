@@ -1,4 +1,4 @@
-/* What a stored voxel means, for the CPU and for kernels. */
+/* Conversion of a stored voxel to its value, shared by CPU and kernels. */
 #ifndef PLIANT_SCAN_STORED_H
 #define PLIANT_SCAN_STORED_H
 

@@ -31,7 +31,7 @@ bool pliant_geometry_equal(const pliant_geometry *a, const pliant_geometry *b)
     for (int d = 0; d < 9; d++)
         if (!(fabs(a->direction[d] - b->direction[d]) <= tolerance)) return false;
 
-    /* file formats keep the origin in single precision: far from zero that may be more than 1e-4 of a voxel */
+    /* Files store the origin in single precision; far from zero the error can exceed 1e-4 of a voxel. */
     double smallest = fmin(a->spacing[0], fmin(a->spacing[1], a->spacing[2]));
     for (int d = 0; d < 3; d++) {
         double rounding = FLT_EPSILON * fmax(fabs(a->origin[d]), fabs(b->origin[d]));
@@ -55,7 +55,7 @@ void pliant_geometry_to_index(const pliant_geometry *geometry, const double worl
 {
     double offset[3], result[3];
     for (int d = 0; d < 3; d++) offset[d] = world[d] - geometry->origin[d];
-    /* orthonormal: the inverse of the direction is its transpose */
+    /* The direction is orthonormal, so its inverse is its transpose. */
     for (int column = 0; column < 3; column++) {
         const double *axis = geometry->direction + column;
         result[column] = (axis[0] * offset[0] + axis[3] * offset[1] + axis[6] * offset[2]) / geometry->spacing[column];

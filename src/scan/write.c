@@ -24,7 +24,7 @@ typedef enum file_format { FORMAT_NONE, FORMAT_NIFTI, FORMAT_NIFTI_GZ, FORMAT_NR
 /* The image to write: a volume without scale, labels, or vectors. */
 typedef struct image_data {
     const pliant_geometry *geometry;
-    int type; /* an index of the table below */
+    int type; /* index in the table below */
     const void *voxels;
     bool is_vector; /* three numbers per voxel, in NIfTI one component after the other */
 } image_data;
@@ -65,8 +65,8 @@ static void put_float(unsigned char *header, size_t at, double value)
     memcpy(header + at, &number, sizeof number);
 }
 
-/* Unit quaternion (a >= 0) of a proper rotation; the largest component first, for accuracy (S. W. Shepperd,
- * Quaternion from rotation matrix, 1978). */
+/* Compute the unit quaternion (a >= 0) of a proper rotation, starting with the largest component for accuracy (S. W.
+ * Shepperd, Quaternion from rotation matrix, 1978). */
 static void quaternion_of(const double r[9], double q[4])
 {
     double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8], 1 - r[0] - r[4] + r[8]};
@@ -170,7 +170,7 @@ static size_t text_header(const image_data *image, file_format format, char *hea
 
 /* --- files --- */
 
-/* True when everything is in the file. Closes it in any case. */
+/* Write a file and close it. Return whether all data is in the file. */
 static bool write_plain(int file, const void *header, size_t header_size, const void *data, size_t data_size)
 {
     FILE *stream = fdopen(file, "wb");

@@ -1,4 +1,4 @@
-/* Writing a field of vectors. */
+/* Writing of vector fields. */
 #ifndef PLIANT_SCAN_WRITE_H
 #define PLIANT_SCAN_WRITE_H
 
@@ -8,8 +8,10 @@
 extern "C" {
 #endif
 
-/* Write a vector per voxel as ITK writes a displacement field, by the ending of path as pliant_volume_write does.
- * vectors: (voxels x 3) LPS; each is multiplied by factor. Errors: ARGUMENT (ending), FILE, FORMAT, MEMORY. */
+/* Write a vector field as ITK writes a displacement field. The extension of path selects the format, as in
+ * pliant_volume_write.
+ * @param vectors  (voxels x 3) LPS; each is multiplied by factor.
+ * Errors: ARGUMENT (extension), FILE, FORMAT, MEMORY. */
 pliant_status pliant_vectors_write(const char *path, const pliant_geometry *geometry, double factor, const float *vectors);
 
 #ifdef __cplusplus

@@ -119,9 +119,9 @@ typedef struct pliant_clearance pliant_clearance; /* surface for contact, for di
 typedef struct pliant_legs pliant_legs; /* start of the present leg, and responses of proxy couplings (src/sim/step) */
 
 typedef struct pliant_backend pliant_backend; /* functions of a step's stages (src/backend) */
-typedef struct pliant_solver pliant_solver; /* iteration history, factors, the background factorizer (src/fem) */
+typedef struct pliant_solver pliant_solver; /* iteration history, factors, background factorization (src/fem) */
 
-typedef struct pliant_patch pliant_patch; /* local fine solutions around holds (src/fem) */
+typedef struct pliant_patch pliant_patch; /* local fine solutions around grasps (src/fem) */
 
 typedef struct pliant_falling pliant_falling; /* motion of detached pieces (src/fem/rigid) */
 
@@ -164,7 +164,7 @@ struct pliant_data {
     /* UPSAMPLE, PATCH. */
     double *positions;        /* (body->fine.num_nodes x 3) LPS [m]; written by every step */
     /* ROLLBACK of a failed step. */
-    pliant_rollback *rollback; /* Nullable: there was no step yet */
+    pliant_rollback *rollback; /* Nullable: no step was run yet */
     pliant_clearance *clearance; /* empty until the distance of a tool to the tissue is requested */
     /* WARP. */
     pliant_warp *warp;        /* Nullable: only after pliant_data_set_warp */

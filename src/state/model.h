@@ -18,7 +18,7 @@ typedef struct pliant_tled_system pliant_tled_system;
 /* Data derived from a body, constant until the next cut: the solved system. Reference-counted. */
 typedef struct pliant_discretization {
     const pliant_body *body;          /* retained: all other members point into it */
-    pliant_system *system;            /* of tled: threads and meshes only */
+    pliant_system *system;            /* with tled: only threads and meshes */
     pliant_system *fine_system;       /* Nullable: model/patch; the fine mesh, solved only after a grasp */
     pliant_tled_system *tled;         /* Nullable: solver/kind tled */
     pliant_system *coarse_system;     /* Nullable: the coarse mesh alone, of a body that is already cut at load time */

@@ -12,7 +12,7 @@ static __global__ void __launch_bounds__(THREADS) copy_kernel(gpu_iteration iter
     if (n < count) d_out[n] = iteration.d_x[iteration.d_state->now][n];
 }
 
-/* displacements: exactly at rest when the coarse nodes are */
+/* Displacements are interpolated, so that a fine node is exactly at rest if its coarse nodes are. */
 static __global__ void __launch_bounds__(THREADS) linear_kernel(gpu_system system, gpu_iteration iteration, double *d_fine)
 {
     int n = (int)(blockIdx.x * THREADS + threadIdx.x);
@@ -49,7 +49,7 @@ static __device__ void shaped_position(const gpu_system &system, const double *d
     pliant_shaped_position(&frame, x, corner, shape, rest, out);
 }
 
-/* the same with one hexahedron, or a tetrahedron beside a cut, whose frame is known */
+/* Do the same with one hexahedron, or a tetrahedron next to a cut, whose frame is known. */
 static __device__ void macro_position(const gpu_system &system, const double *d_x, int element, const double *shape, const double *rest, double *out)
 {
     const gpu_macros &macros = system.macros;

@@ -1,4 +1,4 @@
-/* From solved nodes to fine nodes (src/fem/coarse/upsample.c). */
+/* Upsampling from solved nodes to fine nodes (src/fem/coarse/upsample.c). */
 #ifndef PLIANT_CUDA_UPSAMPLE_H
 #define PLIANT_CUDA_UPSAMPLE_H
 

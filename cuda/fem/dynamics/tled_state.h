@@ -34,7 +34,7 @@ typedef struct gpu_tet {
     float volume;              /* [m^3] */
 } gpu_tet;
 
-/* A hexahedron likewise (src/fem/dynamics/tled_cubes.h). */
+/* A hexahedron as one thread reads it (src/fem/dynamics/tled_cubes.h). */
 typedef struct gpu_cube {
     int32_t node[8];
     /* Contraction: c of cube_bending.h; finer: 1 divided by the edge in smallest cells. */
@@ -79,7 +79,7 @@ typedef struct gpu_outcome {
     int32_t steps;
     int32_t unsound;           /* first sub-step in which a node moved faster than sound; INT32_MAX: none */
     int32_t settled;
-    uint32_t arrived;          /* blocks of a kernel that are done */
+    uint32_t arrived;          /* number of finished blocks of a kernel */
 } gpu_outcome;
 
 /* The arrays. Pointers are device pointers. */
@@ -103,13 +103,14 @@ typedef struct gpu_tled {
     pliant_cube_bending cube_bending;
     gpu_node *d_nodes;
     const double *d_rest;      /* (num_nodes x 3) */
-    const float *d_node_modulus, *d_node_volume; /* nodal pressure, as is d_pressure */
+    const float *d_node_modulus, *d_node_volume; /* nodal pressure only, as is d_pressure */
     float *d_pressure;
     double *d_u[2];            /* (num_nodes x 4), three numbers and padding */
     double *d_d[2];            /* (num_nodes x 3) last increments; two different arrays only with damping, since
                                 * neighbours then read them */
-    double *d_older;           /* (num_nodes x 3) increments before the last ones, at the end of a frame; NULL: still */
-    double *d_acceleration, *d_own; /* (num_nodes x 3); acceleration of held nodes only, but for dynamic relaxation */
+    /* (num_nodes x 3) increments before the last ones, at the end of a frame; NULL in dynamic relaxation. */
+    double *d_older;
+    double *d_acceleration, *d_own; /* (num_nodes x 3); without dynamic relaxation, acceleration of held nodes only */
     float *d_memory[2];        /* (num_prony x num_elements x 8), six numbers and padding */
     double *d_sums;            /* (blocks x PLIANT_NUM_SUMS) */
     gpu_frame *d_frame;

@@ -1,4 +1,4 @@
-/* The kernels of a sub-step. */
+/* Kernels of a sub-step. */
 #include "cuda/base/check.h"
 #include "cuda/fem/dynamics/tled_forces.cuh"
 #include "cuda/fem/dynamics/tled_tools.cuh"

@@ -1,4 +1,4 @@
-/* Macro-elements of lod on the GPU (struct pliant_macros of src/fem/system.h, src/fem/element/macro.c). */
+/* Macro-elements on the GPU (struct pliant_macros of src/fem/system.h, src/fem/element/macro.c). */
 #ifndef PLIANT_CUDA_MACRO_H
 #define PLIANT_CUDA_MACRO_H
 

@@ -41,7 +41,7 @@ typedef struct gpu_carried_room {
 
 /* Carry over a preconditioner.
  * @param base      Layout of V's system.
- * @param h_source  (num_free) allocated with pliant_alloc; this function takes ownership, also on an error.
+ * @param h_source  (num_free) allocated with pliant_calloc; this function takes ownership, also on an error.
  * @param possible  Out: false: the cut has opened too much tissue, and nothing was changed except h_source.
  * Errors: MEMORY, UNAVAILABLE. */
 pliant_status pliant_cuda_carried_set(const pliant_system *system, const gpu_system *gpu, const pliant_carried_layout *base, int32_t *h_source,

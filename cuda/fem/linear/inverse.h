@@ -31,7 +31,7 @@ pliant_status pliant_cuda_sweep(const gpu_sweep *sweep, const double *d_whole, d
 
 typedef struct gpu_inverse {
     int32_t size, tiles;  /* number of unknowns, and of tiles along each side */
-    float *d_tiles;       /* (tiles (tiles + 1) / 2 x TILE x TILE), row after row of tiles */
+    float *d_tiles;       /* (tiles (tiles + 1) / 2 x TILE x TILE), tiles row by row */
     float *d_parts;       /* (tiles x TILE tiles): contribution of each column of tiles to each unknown */
 } gpu_inverse;
 

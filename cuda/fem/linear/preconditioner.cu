@@ -203,7 +203,7 @@ static __global__ void unit_kernel(float *d_right, int clear, int set)
     d_right[set] = 1;
 }
 
-/* Three columns at once, at one node each: T' M T from M. */
+/* Compute T' M T from M for three columns at once, one node per thread. */
 static __global__ void __launch_bounds__(THREADS) turn_columns_kernel(int count, const double *d_axes, const int32_t *d_which, size_t stride, float *d_column)
 {
     const int node = (int)(blockIdx.x * THREADS + threadIdx.x), *which = d_which + 2 * (size_t)blockIdx.y;

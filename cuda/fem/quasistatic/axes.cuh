@@ -1,10 +1,10 @@
-/* The nodes' own axes (nodal_rotations.h) at one unknown node. */
+/* Rotations to and from the axes of one unknown node (nodal_rotations.h). */
 #ifndef PLIANT_CUDA_AXES_CUH
 #define PLIANT_CUDA_AXES_CUH
 
 #include "cuda/fem/state.h"
 
-/* T v at one unknown node, T' v: from its own axes and into them */
+/* Compute T v (out of the node's axes) or T' v (into them), overwriting v. */
 static __device__ __forceinline__ void turn_out(const gpu_iteration &iteration, size_t node, double *v)
 {
     const double *turn = iteration.d_axes + 9 * node, at[3] = {v[0], v[1], v[2]};

@@ -13,7 +13,7 @@ extern "C" {
 
 /* The contact points of a step, as kernels read them. */
 typedef struct gpu_touch_view {
-    int32_t count, num_weights, num_slots, num_springs; /* slots: unknowns that points move */
+    int32_t count, num_weights, num_slots, num_springs; /* slots: unknowns moved by points */
     int32_t spring[PLIANT_MAX_TOOLS]; /* tools with springs; in A, they follow the points */
     const double *d_frame, *d_goal, *d_block; /* struct pliant_touches */
     const double *d_friction;  /* (count + num_springs) */
