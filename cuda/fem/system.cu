@@ -45,7 +45,8 @@ static pliant_status send(const passage &work, int array, const T *h_now, size_t
 
 /* ---- Elements: in lanes of 8 on the CPU; one number of all elements after the other on the GPU. */
 
-struct packet { int32_t count, rows, lanes, stride; const int32_t *d_which; const double *d_numbers; }; /* (count x rows x lanes) */
+/* Packed numbers: (count x rows x lanes). */
+struct packet { int32_t count, rows, lanes, stride; const int32_t *d_which; const double *d_numbers; };
 
 static __global__ void __launch_bounds__(THREADS) unpack_kernel(packet from, int last, double *d_out)
 {

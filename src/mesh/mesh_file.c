@@ -81,7 +81,7 @@ static pliant_status check(const char *path, double unit, mesh_file *file)
     return PLIANT_OK;
 }
 
-/* Leave out nodes that no tetrahedron has. */
+/* Drop nodes that no tetrahedron uses. */
 static pliant_status drop_unused(mesh_file *file)
 {
     int32_t *row = pliant_calloc((size_t)file->num_nodes, sizeof *row), count = 0;

@@ -1,5 +1,5 @@
-/* Labels on the grid of their scan: every voxel of the scan takes the nearest label. Programs that draw labels turn
- * the axes around, crop, or write origins with few digits. One affine map of indices covers all of this. */
+/* Resamples labels to the grid of their scan: every voxel of the scan gets the nearest label. Programs that draw labels
+ * may flip the axes, crop, or write origins with few digits. An affine map of indices covers all of these cases. */
 #include "pliant/scan.h"
 
 #include "base/fail.h"

@@ -83,7 +83,7 @@ static bool make_ribs(phantom_tubes *list)
     return true;
 }
 
-/* --- bowel --- */
+/* --- Bowel. --- */
 
 /* Fill the tubes [from, end) of a chain with gas above one level: their mean y plus `more`. */
 static void fill_with_gas(phantom_tubes *list, int first, int from, int end, float more)
@@ -155,7 +155,7 @@ static bool make_stomach(phantom_tubes *list)
     return CHAIN(list, duodenum, 3);
 }
 
-/* --- vessels --- */
+/* --- Vessels. --- */
 
 /* Create a vessel and its branches, recursively. */
 static bool grow(phantom_tubes *list, phantom_point from, phantom_point to, float radius, int generations,

@@ -21,7 +21,7 @@ static float to_segment(float x, float y, float ax, float ay, float bx, float by
     return sqrtf(square(x - ax - t * dx) + square(y - ay - t * dy));
 }
 
-/* compact outside, spongy inside */
+/* Return the value of bone: compact outside, spongy inside. */
 static float bone(float distance, float spongy, float grain)
 {
     return distance > -1.7f ? 560 : spongy + 45 * grain;

@@ -52,7 +52,7 @@ static void paint_ribs(const phantom_tubes *list, phantom_row *row)
     }
 }
 
-/* --- organs --- */
+/* --- Organs. --- */
 
 static void paint_kidneys(const phantom_anatomy *anatomy, phantom_row *row)
 {

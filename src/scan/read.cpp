@@ -117,7 +117,7 @@ pliant_labels read_labels(const std::string &path, size_t memory_limit)
     return labels;
 }
 
-/* No exception leaves. */
+/* No exception crosses the C boundary. */
 template <class Action> pliant_status guarded(const char *path, Action action)
 {
     if (!path) return pliant_fail(PLIANT_ERROR_ARGUMENT, "reading a scan: no path given");

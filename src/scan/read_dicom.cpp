@@ -123,7 +123,8 @@ bool is_turned_round(const dicom_file &file, size_t frame)
 /* Return whether the class of an object requires pixels. */
 bool is_image_class(const std::string &uid)
 {
-    for (const char *one : {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "128.1", "130"}) /* CT, MR, nuclear, PET */
+    /* CT, MR, nuclear medicine, PET. */
+    for (const char *one : {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "128.1", "130"})
         if (uid == std::string("1.2.840.10008.5.1.4.1.1.") + one) return true;
     return false;
 }

@@ -36,7 +36,7 @@ bool is_kept_group(uint32_t tag)
     default: return false;
     }
 }
-/* These values matter. */
+/* Return whether the value of an element is relevant. */
 bool is_kept_value(uint32_t tag)
 {
     switch (tag) {

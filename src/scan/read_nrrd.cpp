@@ -50,7 +50,7 @@ double unit_in_millimetres(const nrrd_header &header)
     return scale == 0.0 ? 1.0 : scale;
 }
 
-/* "(1,0,0)"; false for "none" */
+/* Parse "(1,0,0)". Return false for "none". */
 bool parse_vector(const nrrd_header &header, const std::string &word, double out[3])
 {
     std::vector<double> numbers;
@@ -202,7 +202,7 @@ uint64_t after_lines(const std::string &path, uint64_t offset, double lines)
     return static_cast<uint64_t>(file.tellg());
 }
 
-/* Where the voxels are. */
+/* Locate the voxels. */
 void locate_data(const nrrd_header &header, double data_bytes, nrrd_data *data)
 {
     const char *path = header.path.c_str();

@@ -98,7 +98,8 @@ nrrd_header read_nrrd_header(const std::string &path)
             if (c != ' ') name += c;
         header.fields[name] = trimmed(line.substr(colon + 2));
     }
-    if (header.has("datafile") && !bytes.empty() && bytes.back() == '\n') return header; /* a detached header needs no empty line */
+    /* A detached header needs no empty line. */
+    if (header.has("datafile") && !bytes.empty() && bytes.back() == '\n') return header;
     fail(PLIANT_ERROR_FORMAT, "%s: truncated: the header does not end with an empty line", path.c_str());
 }
 

@@ -33,7 +33,7 @@ std::vector<std::string> split(const std::string &text, char separator)
     return parts;
 }
 
-/* Of "scheme^code^meaning". */
+/* Return the meaning of "scheme^code^meaning". */
 std::string meaning_of(const std::vector<std::string> &entry, size_t part)
 {
     const std::vector<std::string> words = split(part < entry.size() ? entry[part] : "", '^');

@@ -122,7 +122,7 @@ static void all_loads(const pliant_submesh *submesh, const pliant_cube_room *roo
     }
 }
 
-/* ---- stiffness */
+/* ---- Stiffness. */
 
 /* Compute the root of g' h^-1 g for a well-conditioned h: L^-1 g with h = L L'. */
 static bool root_by_factor(const double h[MODES * MODES], const double g[MODES * UNKNOWNS], double *root)
@@ -188,7 +188,7 @@ static int32_t condense(pliant_submesh *submesh, const pliant_cube_room *room, d
     return root_by_factor(h, g, root) ? MODES : root_by_eigenvalues(h, g, root);
 }
 
-/* ---- one element */
+/* ---- One element. */
 
 static pliant_status place_nodes(const pliant_cube_work *work, const pliant_submesh *submesh, int32_t element, pliant_cube_room *room)
 {
@@ -365,7 +365,7 @@ static pliant_status hold_empty(const pliant_system *system, uint8_t *coarse_fix
     return PLIANT_OK;
 }
 
-/* ---- all of it */
+/* ---- The complete system. */
 
 static pliant_status find_fine_cubes(pliant_cube_work *work)
 {

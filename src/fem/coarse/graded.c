@@ -87,7 +87,7 @@ static pliant_status find_base(grading *work)
     return status;
 }
 
-/* ---- which cubes */
+/* ---- Refined cubes. */
 
 /* Cells of a lattice; each is listed when it is marked for the first time. */
 typedef struct cell_list {

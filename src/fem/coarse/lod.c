@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* ---- grounded cubes */
+/* ---- Grounded cubes. */
 
 /* Build P: linear in coarse tetrahedra, or trilinear in coarse cubes. */
 static pliant_status interpolate(pliant_system *system, bool hexahedra, const int32_t *coarse_of_fine)

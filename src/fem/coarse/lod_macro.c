@@ -130,7 +130,7 @@ pliant_status lod_macros_create(lod_builder *lod)
     return PLIANT_OK;
 }
 
-/* ---- one cube */
+/* ---- One cube. */
 
 typedef struct cube_work {
     int32_t num_corners, num_nodes; /* columns: 3 num_corners; rows: 3 num_nodes */

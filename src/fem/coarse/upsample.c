@@ -219,7 +219,7 @@ void pliant_upsample_positions(const pliant_system *system, const double *solved
     }
 }
 
-/* block: Nullable: the identity */
+/* Add a weight to the unknowns. block: Nullable: NULL means the identity. */
 static void add_block(const pliant_system *system, int32_t node, double weight, const double block[9], double *dense)
 {
     const int32_t unknown = system->free_of_node[node];

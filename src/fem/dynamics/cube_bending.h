@@ -3,13 +3,15 @@
  *
  * With f_a = dx/dX_a of the mean gradient and w_k the mode +-+- without axis k, y_ka = f_a . w_k is independent of
  * rotations. By Green's strain
- *     e_aa = y_ka / 4 h_a   and   e_kk = y_ak / 4 h_k           times s_b,   a, b, k all axes and s_b from -1 to 1 along b,
- *     gamma_ak = y_kk / 4 h_a + y_aa / 4 h_k                     times s_b.
+ *     e_aa = s_b y_ka / 4 h_a   and   e_kk = s_b y_ak / 4 h_k
+ *     gamma_ak = s_b (y_kk / 4 h_a + y_aa / 4 h_k)
+ * where a, b, k are all axes, and s_b runs from -1 to 1 along b.
  *
  * Incompatible modes (Simo and Rifai, Int. J. Numer. Meth. Engng 29:1595, 1990; with one integration point, Belytschko
  * and Bindeman, Comput. Meth. Appl. Mech. Engng 105:225, 1993) remove the shear energy of bending, and the stress along
  * b:
- *     W = V/3 sum over b of  mu (e_aa^2 + e_kk^2) + c mu (e_aa + e_kk)^2 + 1/2 t mu gamma_ak^2,   c = lambda / (lambda + 2 mu),   t = 1.
+ *     W = V/3 sum over b of  mu (e_aa^2 + e_kk^2) + c mu (e_aa + e_kk)^2 + 1/2 t mu gamma_ak^2
+ *     c = lambda / (lambda + 2 mu),   t = 1
  *
  * The implementation uses three fourths of this c (NUMERICS.md). Its t matches the torsion of a square bar one cube
  * thin, 0.1406 instead of 1/6 h^4 (Timoshenko and Goodier, Theory of Elasticity, 109). The isotropic part of W depends

@@ -21,7 +21,7 @@ int pliant_tled_walls(const pliant_scene *scene, pliant_wall walls[PLIANT_MAX_WA
             wall->offset += wall->normal[d] * scene->ground.point[d];
         }
     }
-    const double nowhere = 1e3; /* the options' own limits */
+    const double nowhere = 1e3; /* a limit of the box at this value means that it is unbounded */
     for (int d = 0; d < 3; d++)
         for (int side = 0; side < 2; side++) {
             double at = side ? scene->ground.box_high[d] : scene->ground.box_low[d];

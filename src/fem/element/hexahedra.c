@@ -31,7 +31,7 @@ static const double filler = 5e-2;
  * alone, tissue one cube thin would bend too easily. */
 static const double enhanced = 0.25;
 
-/* ---- stiffness */
+/* ---- Stiffness. */
 
 double pliant_cube_gradients(double x[CORNERS][3], const double at[3], double gradient[CORNERS][3])
 {
@@ -242,7 +242,7 @@ static void stiffness_of(const pliant_cube_shape *shape, const pliant_cube *cube
         for (int j = 0; j < UNKNOWNS; j++) out[UNKNOWNS * i + j] += bulk * shape->mean[i] * shape->mean[j];
 }
 
-/* ---- as macro-elements */
+/* ---- Macro-elements. */
 
 pliant_status pliant_macros_keep(pliant_macros *macros, int32_t element, int32_t unknowns, const double *stiffness)
 {

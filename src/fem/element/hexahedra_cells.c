@@ -161,7 +161,7 @@ bool pliant_cube_is_box(const pliant_mesh *mesh, const pliant_cube *cube, int32_
     return true;
 }
 
-/* among: as of list_tets */
+/* Do the same for listed tetrahedra. among: as in list_tets. */
 static pliant_status find_cubes(const pliant_mesh *mesh, const int32_t *among, int32_t tets, bool boxes, pliant_cube **out, int32_t *count)
 {
     pliant_cell_lists lists;

@@ -33,7 +33,7 @@ extern "C" {
         real below = (2 * least - ratio) / (least * least), kept = ratio > least ? ratio : least;                                \
         return ratio > least ? 1 / kept : below;                                                                                 \
     }                                                                                                                            \
-    /* J^(-1/3) by Newton's method from below, starting at the larger tangent of its inverse at 1 and 8 */                                 \
+    /* J^(-1/3) by Newton's method from below, starting at the larger tangent of its inverse at 1 and 8 */                       \
     PLIANT_INLINE real name##_root(real ratio)                                                                                   \
     {                                                                                                                            \
         real y = 3 / (2 + ratio), far = 12 / (16 + ratio);                                                                       \
@@ -49,7 +49,7 @@ extern "C" {
         *slope = -(real)(2.0 / 3) * root * root / kept;                                                                          \
         *power = root * root + (ratio > least ? 0 : *slope * (ratio - least));                                                   \
     }                                                                                                                            \
-    /* volume term for a modulus of 1 */                                                                    \
+    /* volume term for a modulus of 1 */                                                                                         \
     PLIANT_INLINE real name##_volume(pliant_law law, real change)                                                                \
     {                                                                                                                            \
         if (law != PLIANT_LAW_COMPRESSIBLE) return change;                                                                       \

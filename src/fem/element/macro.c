@@ -259,7 +259,8 @@ void pliant_macro_column(const pliant_system *system, const pliant_tangent *tang
     double k[9 * PLIANT_MAX_CORNERS], r[9];
     for (int m = 0; m < 9; m++) r[m] = tangents[cube / LANES].rotation[m][cube % LANES];
     if (system->stiffness)
-        memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at), 3 * (size_t)n * sizeof *k); /* symmetric */
+        /* The stiffness is symmetric, so rows replace columns. */
+        memcpy(k, system->stiffness + (size_t)n * ((size_t)n * (size_t)cube + 3 * (size_t)at), 3 * (size_t)n * sizeof *k);
     else
         root_column(macros->rank[cube], n, macros->root[cube], at, k);
     for (int32_t a = 0; a < n / 3; a++) turned_block(r, k, n, a, blocks + 9 * a);

@@ -185,7 +185,7 @@ static void hold_followers(const leaves *work, uint8_t *fixed)
         if (work->follows[n]) fixed[n] = PLIANT_FIXED_AT_REST; /* this affects the solver only */
 }
 
-/* ---- elements */
+/* ---- Elements. */
 
 static const pliant_cube_shape *shape_of(leaves *work, int32_t leaf, const pliant_cube *cube)
 {

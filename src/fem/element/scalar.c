@@ -49,7 +49,7 @@ static void cube_deformation(const view *look, const int32_t node[8], double f[9
         for (int m = 0; m < 9; m++) f[m] += (look->positions[3 * node[v] + m / 3] - look->positions[3 * node[0] + m / 3]) * gradient[v][m % 3];
 }
 
-/* rest volume, and F */
+/* Return the rest volume of a tetrahedron, and compute F. */
 static double deformation_of(const pliant_mesh *mesh, const double *positions, int32_t tet, double f[9])
 {
     double gradients[12], x[12], volume = pliant_mesh_gradients(mesh, tet, gradients);

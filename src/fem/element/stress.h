@@ -62,7 +62,8 @@ PLIANT_INLINE void pliant_saint_venant_kirchhoff_stress(const float h[9], float 
     float e[9];
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            e[3 * r + c] = h[3 * r + c] + h[3 * c + r] + h[r] * h[c] + h[3 + r] * h[3 + c] + h[6 + r] * h[6 + c]; /* twice E */
+            /* Twice E. */
+            e[3 * r + c] = h[3 * r + c] + h[3 * c + r] + h[r] * h[c] + h[3 + r] * h[3 + c] + h[6 + r] * h[6 + c];
     float trace = 0.5f * lambda * (e[0] + e[4] + e[8]);
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {

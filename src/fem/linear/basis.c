@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-/* ---- in a step */
+/* ---- In a step. */
 
 /* Compute q = M' (x - base). */
 static void amplitudes(pliant_basis *basis, const double *x)
@@ -333,7 +333,7 @@ double pliant_basis_bytes(const pliant_system *fine, pliant_basis_size size)
 void pliant_basis_free(pliant_basis *basis)
 {
     if (!basis) return;
-    basis->inner.gradients = NULL; /* the system's */
+    basis->inner.gradients = NULL; /* borrowed from the system */
     basis->inner.lame = NULL;
     basis->inner.macros = NULL;
     pliant_system_clear(&basis->inner);

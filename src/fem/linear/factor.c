@@ -143,7 +143,7 @@ static pliant_status find_order(pliant_factor *factor)
     common->nmethods = 1;
     common->method[0].ordering = CHOLMOD_AMD;
     factor->cholesky = cholmod_analyze(&view, common);
-    common->nmethods = 0; /* the default: both */
+    common->nmethods = 0; /* the default: try both */
     if (common->status == CHOLMOD_OK && common->fl >= operations * common->lnz && common->lnz >= fill * common->anz) {
         cholmod_free_factor(&factor->cholesky, common);
         pthread_mutex_lock(&metis_lock);

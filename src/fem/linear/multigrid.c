@@ -19,7 +19,7 @@ static const double spectrum_share = 0.12, spectrum_margin = 1.1;
 typedef struct level_values {
     pliant_system system;       /* view of the hierarchy's system, with this multigrid's stiffness and threads */
     double *stiffness;          /* (elements x 144, hexahedra x 576) Galerkin products; below the finest level */
-    pliant_tangent *tangents;   /* unturned, for those */
+    pliant_tangent *tangents;   /* for these products: without rotation */
     float *blocks;              /* (row entries x 9, and 3 more), each column-major */
     float *inverse;             /* (num_free x 9) inverted diagonal blocks */
     double largest;             /* largest eigenvalue of the inverted diagonal times the matrix */
@@ -103,7 +103,7 @@ void pliant_multigrid_threads(pliant_multigrid *multigrid, int num_threads)
     for (int l = 0; l < multigrid->hierarchy->num_levels; l++) multigrid->level[l].system.num_threads = num_threads;
 }
 
-/* ---- the matrices */
+/* ---- The matrices. */
 
 /* Compute P' K P over the children of one coarse tetrahedron; rows of fixed nodes are zero. */
 static void galerkin(const pliant_grid_level *grid, const level_values *fine, const pliant_tangent *tangents, int32_t tet, double out[144])
@@ -238,7 +238,7 @@ static void fill_rows(const pliant_grid_level *grid, level_values *level, const 
     }
 }
 
-/* ---- products with them */
+/* ---- Products with the matrices. */
 
 enum { ROWS = 64 }; /* per thread and work item */
 typedef float float4 __attribute__((vector_size(16)));
@@ -354,7 +354,7 @@ void pliant_multigrid_level(const pliant_multigrid *multigrid, int level, const 
 
 const double *pliant_multigrid_coarsest(const pliant_multigrid *multigrid) { return multigrid->values; }
 
-/* ---- the cycle */
+/* ---- The cycle. */
 
 /* Run Chebyshev iteration for A x = right on [share, 1] of the spectrum of D^-1 A (Saad, Iterative Methods, 12.3). */
 static void smooth(const pliant_grid_level *grid, level_values *level, const float *right, bool from_zero)
@@ -406,7 +406,7 @@ static pliant_status solve_coarsest(pliant_multigrid *multigrid, level_values *l
     return status;
 }
 
-/* from level->right to level->x */
+/* Run the cycle from level->right to level->x. */
 static pliant_status cycle(pliant_multigrid *multigrid, int l)
 {
     const pliant_grid_level *grid = multigrid->hierarchy->level + l;

@@ -40,7 +40,7 @@ void pliant_panels_fill(pliant_panels *panels, const pliant_supernodes *from)
     }
 }
 
-/* y -= a l */
+/* Compute y -= a l. */
 static inline __attribute__((always_inline)) void subtract(int count, double a, const float *l, double *y)
 {
     for (int i = 0; i < count; i++) y[i] -= a * (double)l[i];
@@ -120,7 +120,7 @@ void pliant_panels_solve(pliant_panels *panels, const pliant_supernodes *of, int
     pliant_panels_end_half(panels, of, size, out);
 }
 
-/* ---- at some unknowns */
+/* ---- Solves at some unknowns. */
 
 void pliant_reach_free(pliant_reach *reach)
 {

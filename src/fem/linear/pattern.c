@@ -120,7 +120,7 @@ static void add_term(const pliant_system *system, const pliant_tangent *tangents
                        d[1] * k[2] - d[3] * k[1], d[3] * k[0] - d[5] * k[2], d[5] * k[1] - d[1] * k[0],
                        d[3] * k[2] - d[2] * k[1], d[2] * k[0] - d[4] * k[2], d[4] * k[1] - d[3] * k[0]};
         for (int j = 0; j < 3; j++) {
-            /* -[h]x times that */
+            /* minus [h]x times these columns */
             double twist[3] = {h[2] * t[3 + j] - h[1] * t[6 + j], h[0] * t[6 + j] - h[2] * t[j], h[1] * t[j] - h[0] * t[3 + j]};
             for (int i = 0; i < 3; i++) block[3 * i + j] += lambda * h[i] * k[j] + mu * k[i] * h[j] + (i == j ? dot : 0) + twist[i];
         }

@@ -218,7 +218,7 @@ pliant_status pliant_subdomain_create(const pliant_system *system, const uint8_t
     return status;
 }
 
-/* ---- in a step */
+/* ---- In a step. */
 
 /* Rotate a vector to or from the axes of the whole system's vectors. */
 static void turn(const double *q, bool back, const double in[3], double out[3])

@@ -204,7 +204,7 @@ pliant_status pliant_system_number_next(pliant_system *system, const uint8_t *fi
 
 pliant_status pliant_system_number(pliant_system *system, const uint8_t *fixed) { return pliant_system_number_next(system, fixed, NULL, NULL); }
 
-/* ---- the diagonal */
+/* ---- The diagonal. */
 
 static double trace_of_block(const pliant_system *system, int32_t block)
 {

@@ -71,7 +71,7 @@ pliant_status pliant_patch_create(const pliant_scene *scene, const pliant_discre
     return PLIANT_OK;
 }
 
-/* ---- holds */
+/* ---- Holds. */
 
 /* Forget a hold and all responses that include it. */
 static void forget_hold(pliant_patch *patch, int tool)
@@ -172,7 +172,7 @@ static void free_before(pliant_patch *patch)
     }
 }
 
-/* ---- delivering */
+/* ---- Delivery of results. */
 
 static void near_positions(const pliant_basis *basis, const double *fine, double *out)
 {
@@ -314,7 +314,7 @@ pliant_status pliant_patch_begin(pliant_data *data)
     return wanted && !patch->job.running ? patch_job_start(patch, data) : PLIANT_OK;
 }
 
-/* ---- tools */
+/* ---- Tools. */
 
 pliant_solver *pliant_patch_solver(const pliant_data *data, int tool) { return serves(data, tool) ? data->patch->solver : data->solver; }
 
@@ -332,7 +332,7 @@ pliant_status pliant_patch_hold(pliant_data *data, int index)
     return status;
 }
 
-/* ---- the stage */
+/* ---- The stage. */
 
 static void move(const pliant_basis *basis, const double *by, double *x)
 {

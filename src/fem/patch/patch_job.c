@@ -71,7 +71,7 @@ static pliant_status hold_copy(const pliant_mesh *fine, const pliant_tool *tool,
     return PLIANT_OK;
 }
 
-/* ---- in the background */
+/* ---- In the background. */
 
 static pliant_status make_block(pliant_patch *patch, pliant_linearized *linearized, int t, int u)
 {
@@ -198,7 +198,7 @@ void patch_job_clear(pliant_patch *patch)
     memset(job, 0, sizeof *job);
 }
 
-/* ---- starting */
+/* ---- Start. */
 
 bool patch_is_refused(const pliant_patch *patch, const pliant_data *data, int tool)
 {

@@ -243,7 +243,8 @@ static pliant_status take_step(pliant_solver *solver, const newton_step *found)
     take_points(solver, found, gone);
     solver->opened_axes = solver->rotations != NULL;
     pliant_status status = respond_in_axes(solver);
-    if (status != PLIANT_OK && pliant_touches_any(solver->touches)) pliant_touches_take(solver->touches); /* back to those before */
+    /* Restore the contact forces from before the step. */
+    if (status != PLIANT_OK && pliant_touches_any(solver->touches)) pliant_touches_take(solver->touches);
     return status;
 }
 

@@ -101,7 +101,7 @@ PLIANT_VECTORIZED static void combine(const pliant_secant *history, const double
     }
 }
 
-/* of nodes, squared */
+/* Return the squared maximum over the nodes. */
 static double longest_of(const double *v, int32_t nodes)
 {
     double longest = 0;
@@ -131,7 +131,7 @@ double pliant_secants_error(const pliant_solver *solver, const pliant_iterate *a
     return sqrt(largest);
 }
 
-/* the tools' forces */
+/* Mix the tools' forces. */
 static void propose_forces(pliant_solver *solver, const double weights[PLIANT_MAX_HISTORY])
 {
     for (int r = 0; r < PLIANT_MAX_ROWS; r++) {

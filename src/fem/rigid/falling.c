@@ -19,7 +19,7 @@ const double *pliant_falling_home(const pliant_falling *falling, int32_t node)
     return pliant_falling_has(falling, node) ? falling->home + 3 * (size_t)falling->place[node] : NULL;
 }
 
-/* ---- making it */
+/* ---- Creation. */
 
 static pliant_status allocate(pliant_falling *falling)
 {

@@ -56,7 +56,7 @@ void pliant_rigid_turn(const double angle[3], const double m[9], double out[9])
     multiply(rotation, m, false, out);
 }
 
-/* ---- one sub-step */
+/* ---- One sub-step. */
 
 typedef struct moving {
     double inverse_mass, inverse_inertia[9]; /* inverse_inertia: in the middle of the sub-step */
@@ -294,7 +294,7 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
     return num_contacts > 0;
 }
 
-/* ---- a step */
+/* ---- A step. */
 
 static void inverse_of(const pliant_rigid *body, double out[9])
 {

@@ -61,7 +61,8 @@ static void foresee(const pliant_falling *falling, const double gravity[3], cons
     memcpy(out->centre, body->centre, sizeof out->centre);
     for (int r = 0; r < 3; r++) {
         matrix[7 * r] = body->mass * rate;
-        for (int c = 0; c < 3; c++) matrix[6 * (3 + r) + 3 + c] = rate * (body->inertia[3 * r + c] + (r == c ? 1e-9 * trace : 0)); /* of a needle */
+        /* The small term keeps the inertia of a needle regular. */
+        for (int c = 0; c < 3; c++) matrix[6 * (3 + r) + 3 + c] = rate * (body->inertia[3 * r + c] + (r == c ? 1e-9 * trace : 0));
         out->free[r] = body->mass * (body->velocity[r] / step + gravity[r]);
         out->free[3 + r] = body->momentum[r] / step;
     }
