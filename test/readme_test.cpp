@@ -24,9 +24,15 @@ struct Document {
     size_t most_lines;
 };
 const std::vector<Document> DOCUMENTS = {
-    {"README.md", 760},
+    {"README.md", 200},
     {OPTIONS, 250},
     {"src/README.md", 250},
+    {"src/contact/README.md", 250},
+    {"src/cut/README.md", 250},
+    {"src/programs/README.md", 250},
+    {"src/python/README.md", 250},
+    {"src/report/README.md", 250},
+    {"src/ros/README.md", 250},
     {"launch/README.md", 250},
     {"launch/docker/README.md", 250},
     {"src/fem/NUMERICS.md", 250},

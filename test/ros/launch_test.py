@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Every launch file can be read by roslaunch, and every `roslaunch` line that README.md and the launch files show names
+"""Every launch file can be read by roslaunch, and every `roslaunch` line that the documents and the launch files show names
 arguments that there are: roslaunch itself drops an unknown one without a word. Nothing is started."""
 import glob
 import os
@@ -16,6 +16,7 @@ import roslaunch.xmlloader
 
 SOURCE = os.path.realpath(sys.argv.pop(1)) if len(sys.argv) > 1 else ""
 FILES = sorted(glob.glob(SOURCE + "/launch/*.launch"))
+DOCUMENTS = sorted(glob.glob(SOURCE + "/README.md") + glob.glob(SOURCE + "/*/README.md") + glob.glob(SOURCE + "/*/*/README.md"))
 REQUIRED = {"replay.launch": ["bag:=/data/a.bag"], "report.launch": ["out:=/tmp/report"], "crtk.launch": ["arms:=PSM1"]}
 MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=PSM1"], ["nodelet:=true"], ["rviz:=true", "arm:=PSM1"],
                           ["tools:=", "labels:=/a.nii", "step:=0.02", "mesh_rate:=1", "volume_rate:=1", "slice_rate:=1"]],
@@ -54,7 +55,7 @@ def declared(path):
 
 def shown_lines():
     """(where, name of the launch file, its arguments)"""
-    for path in [SOURCE + "/README.md"] + FILES:
+    for path in DOCUMENTS + FILES:
         with open(path, encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
                 for rest in re.findall(r"roslaunch pliant ([^`#]*)", line):
