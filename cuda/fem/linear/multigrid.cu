@@ -8,7 +8,7 @@
 
 enum { THREADS = 128, LANES_PER_NODE = 8, NODES = THREADS / LANES_PER_NODE };
 
-/* Fraction of the spectrum that the Chebyshev smoother reduces, with two steps before and two after, as on the CPU. */
+/* Chebyshev smoothing acts on the spectrum above this fraction, with two steps before and two after, as on the CPU. */
 static const double spectrum_share = 0.12;
 
 struct chebyshev { float first, again, fresh; }; /* step = first D^-1 r; then step = again step + fresh D^-1 r */

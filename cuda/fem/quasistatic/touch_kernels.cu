@@ -249,8 +249,8 @@ static __device__ pliant_cones place_cones(const gpu_touch_view &view, double *s
     return on;
 }
 
-/* Compute the contact forces of an evaluation from the free step, and their pull, with one block. If no finite forces
- * are found, the old forces stay. */
+/* Compute the contact forces of an evaluation from the free step, and their pull, with one block. If the measured
+ * motions are not finite, the old forces stay. */
 static __global__ void __launch_bounds__(CONE_THREADS) cones_kernel(const gpu_touch_view *d_view, gpu_iteration iteration, int room)
 {
     extern __shared__ double shared[];

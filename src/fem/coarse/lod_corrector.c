@@ -104,8 +104,8 @@ static void columns_of(const pliant_pattern *pattern, double *values, int32_t co
     out[2] = out[1] + 3 * height - 1;
 }
 
-/* Extract the patch's part of the matrix. A small amount is added to the diagonal, for pieces that the patch's border
- * cuts off up to an edge. */
+/* Extract the patch's part of the matrix. A small amount is added to the diagonal, for pieces that are attached only at
+ * an edge within the patch. */
 static pliant_status take_matrix(const lod_builder *lod, const lod_room *room, patch_problem *patch)
 {
     const double supported = 1e-10;

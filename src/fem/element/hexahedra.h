@@ -85,7 +85,7 @@ pliant_status pliant_hexahedra_masses(const pliant_mesh *mesh, const pliant_tet_
 /* Compute bitwise identical masses after a cut, reusing the values of unchanged nodes.
  * @param before        (nodes_before) masses before the cut [kg].
  * @param kept          (num_tets) nonzero: the tetrahedron is unchanged.
- * @param mass          Out: allocated here, also after an error; Nullable.
+ * @param mass          Out: set also after an error; may be NULL then.
  * Errors: MEMORY. */
 pliant_status pliant_hexahedra_masses_next(const pliant_mesh *mesh, const pliant_tet_material *material, const double *before, int32_t nodes_before,
                                            const uint8_t *kept, double **mass);

@@ -95,8 +95,8 @@ static bool within(int32_t num_footholds, const pliant_foothold *footholds, cons
     return false;
 }
 
-/* Find the nodes and elements within twice the radius. An element belongs to it if one of its corners does, or if it is
- * held. */
+/* Find the nodes and elements within twice the radius. An element is included if one of its corners is within this
+ * radius or in a footprint. */
 static pliant_status near_elements(basis_builder *build, double radius)
 {
     const pliant_system *fine = build->fine;

@@ -116,8 +116,8 @@ static pliant_status open_closed(const pliant_system *system, const pliant_carri
     return status;
 }
 
-/* Mark the corners of elements in cubes whose hexahedra were split or restored. Cubes without a hexahedron before and
- * after are skipped. */
+/* Mark the corners of elements in cubes whose elements differ from the base's. Tetrahedra count only if the base had a
+ * hexahedron there. */
 static pliant_status open_divided(const pliant_system *system, const uint8_t *cube, uint8_t *opened)
 {
     const pliant_macros *macros = system->macros;

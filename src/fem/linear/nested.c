@@ -48,7 +48,8 @@ pliant_status pliant_nested_places(pliant_grid_level *level)
     return PLIANT_OK;
 }
 
-/* Find connected components of the elements in each cell of the next lattice. */
+/* Find connected components of the elements in each cell of the next lattice. parent: in: (elements) cell of each in
+ * the next lattice; out: its component, or -1 if none of its nodes moves. */
 static int32_t find_components(const pliant_system *fine, int32_t *parent, int32_t *component)
 {
     const int32_t elements = pliant_level_elements(fine), *nodes = pliant_element_nodes(fine);

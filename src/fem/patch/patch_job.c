@@ -101,7 +101,8 @@ static bool still_wanted(double fraction, const char *stage, void *user)
     return !atomic_load(&patch->stop);
 }
 
-/* Check that the missing responses, a copy of all responses in the basis, and the factors fit in memory. */
+/* Check that the missing responses, a copy of all responses in the basis, and the factors fit in half of the free
+ * memory. */
 static pliant_status check_memory(const pliant_patch *patch)
 {
     const double share = 0.5;
