@@ -1,4 +1,4 @@
-/* pliant_volume_value on the GPU */
+/* Does the same as pliant_volume_value, on the GPU. */
 #ifndef PLIANT_CUDA_SEGMENT_VALUE_CUH
 #define PLIANT_CUDA_SEGMENT_VALUE_CUH
 

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-/* row by row (Golub and Van Loan, 4.2), so that inner products run along rows */
+/* The factorization runs row by row (Golub and Van Loan, 4.2), so that inner products run along rows. */
 bool pliant_dense_cholesky(int32_t n, double *a)
 {
     for (int32_t i = 0; i < n; i++) {

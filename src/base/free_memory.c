@@ -29,7 +29,7 @@ double pliant_free_memory(void)
     available = available < 0.0 ? HUGE_VAL : 1024.0 * available; /* the kernel reports kB */
     double limit = number_after("/sys/fs/cgroup/memory.max", ""), used = number_after("/sys/fs/cgroup/memory.current", "");
     if (limit < 0.0 || used < 0.0) return available;
-    /* the container's file cache is released on demand */
+    /* The container's file cache is released on demand. */
     double cache = number_after("/sys/fs/cgroup/memory.stat", "inactive_file ");
     return fmin(available, fmax(limit - used + fmax(cache, 0.0), 0.0));
 }

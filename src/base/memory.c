@@ -411,7 +411,7 @@ void *pliant_share(void *block)
     return block;
 }
 
-/* an unshared block needs no atomic write */
+/* An unshared block needs no atomic write. */
 static bool is_last(header *block)
 {
     if (atomic_load_explicit(&block->others, memory_order_acquire) == 0) return true;

@@ -302,7 +302,7 @@ void pliant_macro_assemble(const pliant_system *system, const pliant_tangent *ta
 /* Compute one block column of an element's stiffness: the column of the given corner. blocks: (corners of the element x
  * 9). */
 void pliant_macro_column(const pliant_system *system, const pliant_tangent *tangents, int32_t corner, double *blocks);
-/* floating-point operations of pliant_macro_assemble */
+/* Return the floating-point operations of pliant_macro_assemble. */
 double pliant_macro_operations(const pliant_system *system);
 /* Add K x to y, on all nodes, with one thread. */
 void pliant_macro_multiply(const pliant_system *system, const pliant_tangent *tangents, const double *x, double *y);

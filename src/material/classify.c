@@ -201,7 +201,7 @@ pliant_status pliant_material_classify(const pliant_material_table *table, const
 
     const uint16_t *label = labels ? labels->voxels : NULL;
     ptrdiff_t voxels = (ptrdiff_t)pliant_geometry_voxels(&scan->geometry);
-    /* a first pass, so that nothing is written if a material is missing */
+    /* This first pass ensures that nothing is written if a material is missing. */
     int missing = 0;
 #pragma omp parallel for schedule(static) reduction(| : missing)
     for (ptrdiff_t v = 0; v < voxels; ++v) missing |= of_voxel(l, scan, label, (size_t)v) == NONE;

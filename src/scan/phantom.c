@@ -67,7 +67,7 @@ static void row_place(phantom_row *row, const pliant_geometry *geometry, int j, 
         row->position_z[n] = row->z;
         row->grain[n] = row->clump[n] = 0;
     }
-    /* together less than PHANTOM_BEND */
+    /* The sum of the distortions is less than PHANTOM_BEND. */
     phantom_add_noise(row, 46, 1, 4.0f, row->position_x);
     phantom_add_noise(row, 46, 2, 4.0f, row->position_y);
     phantom_add_noise(row, 46, 3, 4.0f, row->position_z);

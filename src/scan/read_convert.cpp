@@ -144,7 +144,7 @@ converted convert_values(const std::string &path, const image_header &header, vo
         if (range.low >= 0 && range.high <= UINT8_MAX) result.encoding = PLIANT_UINT8;
         else if (range.low >= INT16_MIN && range.high <= INT16_MAX) result.encoding = PLIANT_INT16;
     }
-    /* values far below zero are air: a CT, independent of values outside its field of view */
+    /* Values far below zero are air: a CT, independent of values outside its field of view. */
     result.background = static_cast<float>(range.low < -500.0 ? std::fmax(range.low, -1024.0) : range.low);
 
     switch (result.encoding) {

@@ -92,7 +92,7 @@ int segment_reach(const segment_histogram *histogram) { return (int)ceil(2.5 * h
 static void find_noise(segment_histogram *histogram, const uint16_t *bins, ptrdiff_t voxels)
 {
     int64_t count[SEGMENT_BINS] = {0};
-    /* values beyond the bins, such as padding and most air, contain no information on noise */
+    /* Values beyond the bins, such as padding and most air, contain no information on noise. */
     for (ptrdiff_t v = 1; v < voxels; v++)
         if (bins[v] != 0 && bins[v - 1] != 0) count[abs(bins[v] - bins[v - 1])]++;
     segment_set_noise(count, histogram);

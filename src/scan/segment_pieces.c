@@ -37,7 +37,7 @@ pliant_status segment_connect(const int32_t size[3], const uint8_t *class_of_vox
                 if (j > 0 && class_of_voxel[v - row] == c && !(along && class_of_voxel[v - row - 1] == c)) join(piece, v, v - row);
                 if (k > 0 && class_of_voxel[v - slice] == c && !(along && class_of_voxel[v - slice - 1] == c)) join(piece, v, v - slice);
             }
-    /* roots come before their members; number n is stored as -1 - n until all are set */
+    /* Roots come before their members. Number n is stored as -1 - n until all are set. */
     for (int32_t v = 0; v < voxels; v++) {
         int32_t parent = piece[v];
         if (parent == v) piece[v] = -1 - pieces++;

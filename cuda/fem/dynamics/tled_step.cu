@@ -418,7 +418,7 @@ extern "C" pliant_status pliant_cuda_tled_share(gpu_tled *tled, size_t bytes, si
     cudaFuncAttributes kernel;
     CUDA_TRY(CUDA_CALL(cudaFuncGetAttributes(&kernel, pull_kernel)));
     tled->shared_bytes = bytes + kernel.sharedSizeBytes <= most ? bytes : 0;
-    /* a property of the kernel: another simulation may need more */
+    /* A property of the kernel: another simulation may need more. */
     if (tled->shared_bytes <= (size_t)kernel.maxDynamicSharedSizeBytes) return PLIANT_OK;
     return CUDA_CALL(cudaFuncSetAttribute(pull_kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, (int)bytes));
 }

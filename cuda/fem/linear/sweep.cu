@@ -85,7 +85,7 @@ static __global__ void __launch_bounds__(THREADS) panel_kernel(double *tiles, in
         }
 }
 
-/* only columns of pivots, since later sweeps read no others */
+/* Update only columns of pivots, since later sweeps read no others. */
 static __global__ void __launch_bounds__(THREADS) update_kernel(double *tiles, int k, const double *old, const double *panel)
 {
     int i = (int)blockIdx.y, j = (int)blockIdx.x;

@@ -58,7 +58,7 @@ static __device__ void find_products(decision &now)
     for (int a = 0; a < GPU_HISTORY; a++) now.new_row[a] = state.rules.number[a] > 0 ? along_trial[a] - state.along[a] : 0;
     const double own = now.sums[0], by_now = now.sums[1], of_now = now.sums[2];
     now.new_row[place] = own - by_now - of_now + state.energy;
-    /* secant . residual, of the iterate that stays or of the accepted one */
+    /* Secant . residual, of the iterate that stays or of the accepted one. */
     state.along[place] = by_now - state.energy;
     along_trial[place] = own - of_now;
     state.past_along[place] = now.sums[4] - state.past_of_now;

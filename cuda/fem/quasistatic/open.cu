@@ -523,7 +523,7 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
     if (!regular) return PLIANT_OK;
     CUDA_TRY(begin(&work, &led));
     if (!std::isfinite(work.norm) || !(work.norm > 0)) return PLIANT_OK;
-    /* the body's displacement is unknown on the host here, so the smallest one is used */
+    /* The body's displacement is unknown on the host here, so the smallest one is used. */
     if (pliant_opened_is_settled(work.longest, solver->rules.tolerance * solver->rules.smallest_displacement)) return PLIANT_OK;
     CUDA_TRY(find_step(&work, led, &products));
     *evaluations = 1 + products;

@@ -269,7 +269,7 @@ static pliant_status add_tet(fine_elements *fine, int32_t tet)
     return status == PLIANT_OK ? lead(work, node, 4, e) : status;
 }
 
-/* but those in hexahedra */
+/* Add the tetrahedra that are in no hexahedron. */
 static pliant_status add_tets(fine_elements *fine)
 {
     const grading *work = fine->work;

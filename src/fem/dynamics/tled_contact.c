@@ -13,7 +13,7 @@ void pliant_tled_touch_free(pliant_tled *tled)
     pliant_free(tled->touched);
 }
 
-/* y of the point */
+/* Compute the position y of the point. */
 static void place_of(const pliant_tled *tled, const pliant_contact_point *point, double out[3])
 {
     pliant_touch_place(point, tled->system->mesh->rest, tled->u, out);

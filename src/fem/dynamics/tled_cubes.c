@@ -13,7 +13,7 @@ size_t pliant_tled_force_count(const pliant_tled_system *system)
     return ((size_t)system->num_blocks * 12 + (system->cubes ? (size_t)system->cubes->num_blocks * 24 : 0)) * LANES;
 }
 
-/* fractions in cube_bending.h */
+/* Constants of cube_bending.h. */
 static const double contraction = 0.75, square_bar = 0.1406 * 6;
 
 /* Compute the eigenvalues of gamma, divided by 1 / h of both axes, for the three modes. The matrix is symmetric with

@@ -292,7 +292,7 @@ static void end(leaves *work)
     for (size_t b = 0; b < sizeof blocks / sizeof *blocks; b++) pliant_free(blocks[b]);
 }
 
-/* for choose */
+/* Allocate the arrays for `choose`. */
 static pliant_status make_room_for_followers(leaves *work, pliant_upsample *upsample)
 {
     const size_t nodes = (size_t)work->mesh->num_nodes;

@@ -19,7 +19,7 @@ static int32_t root_of(int32_t *parent, int32_t i)
     return i;
 }
 
-/* the lower one stays */
+/* Join two sets; the lower root stays. */
 static void unite(int32_t *parent, int32_t a, int32_t b)
 {
     a = root_of(parent, a);

@@ -115,12 +115,12 @@ static void add_term(const pliant_system *system, const pliant_tangent *tangents
         }
         for (int m = 0; m < 6; m++) d[m] = 0.5 * tangent->twist[m][lane];
         double dot = mu * (h[0] * k[0] + h[1] * k[1] + h[2] * k[2]);
-        /* columns of D [k]x */
+        /* Columns of D [k]x. */
         double t[9] = {d[5] * k[2] - d[4] * k[1], d[4] * k[0] - d[0] * k[2], d[0] * k[1] - d[5] * k[0],
                        d[1] * k[2] - d[3] * k[1], d[3] * k[0] - d[5] * k[2], d[5] * k[1] - d[1] * k[0],
                        d[3] * k[2] - d[2] * k[1], d[2] * k[0] - d[4] * k[2], d[4] * k[1] - d[3] * k[0]};
         for (int j = 0; j < 3; j++) {
-            /* minus [h]x times these columns */
+            /* Minus [h]x times these columns. */
             double twist[3] = {h[2] * t[3 + j] - h[1] * t[6 + j], h[0] * t[6 + j] - h[2] * t[j], h[1] * t[j] - h[0] * t[3 + j]};
             for (int i = 0; i < 3; i++) block[3 * i + j] += lambda * h[i] * k[j] + mu * k[i] * h[j] + (i == j ? dot : 0) + twist[i];
         }
@@ -170,7 +170,7 @@ void pliant_system_assemble(const pliant_system *system, const pliant_tangent *t
 #pragma omp parallel for schedule(static) num_threads(system->num_threads)
     for (int32_t column = 0; column < pattern->num_columns; column++) {
         int32_t first = pattern->start[column], height = pattern->start[column + 1] - first;
-        /* scalar columns 3j, 3j+1, 3j+2 hold 3h, 3h-1, 3h-2 numbers */
+        /* Scalar columns 3j, 3j+1, 3j+2 hold 3h, 3h-1, 3h-2 numbers. */
         double *out[3];
         out[0] = values + 9 * (int64_t)first - 3 * (int64_t)column;
         out[1] = out[0] + 3 * height;

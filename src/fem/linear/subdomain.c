@@ -153,7 +153,7 @@ static pliant_status find_room(const builder *build, const double *axes)
     return pliant_factor_analyze(&system->pattern, &made->factor);
 }
 
-/* of its tangents */
+/* Compute the values for the subdomain's tangents. */
 static pliant_status find_numbers(pliant_subdomain *made)
 {
     const pliant_system *system = &made->system;

@@ -20,7 +20,7 @@ void pliant_solver_forget(pliant_solver *solver)
 bool pliant_solver_rests(const pliant_solver *solver)
 {
     const pliant_asked *asked = &solver->asked;
-    /* around a patch, more inputs change than these */
+    /* Around a patch, more inputs change than these. */
     bool same = !solver->system->basis && asked->kept && asked->evaluated && asked->converged && !asked->touched && !pliant_touches_any(solver->touches) &&
                 memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS && same; t++)
@@ -57,7 +57,7 @@ pliant_known pliant_solver_known(pliant_solver *solver, const pliant_in_use *in_
     asked->kept = false; /* until this step has ended */
     *seen = known && asked->number == in_use->number;
     if (!known) return PLIANT_KNOWN_NOTHING;
-    /* contact points change it in every step */
+    /* Contact points change it in every step. */
     bool same = *seen && !asked->touched && !pliant_touches_any(solver->touches) && memcmp(asked->gravity, solver->gravity, sizeof asked->gravity) == 0;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++) same = same && memcmp(asked->force + 3 * t, solver->handles[t].force, 3 * sizeof(double)) == 0;
     return same ? PLIANT_KNOWN_STEP : PLIANT_KNOWN_FORCES;

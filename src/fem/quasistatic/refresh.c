@@ -326,7 +326,7 @@ static void deliver(pliant_solver *solver, uint64_t step, pliant_statistics *sta
         springs = true;
         responses = responses || solver->handles[t].response_of == solver->in_use.number;
     }
-    /* secants that led to a refusal are dropped */
+    /* Secants that led to a refusal are dropped. */
     const bool learned = !springs && pliant_anderson_secants(&solver->rules) > 0 && !solver->rules.refused_any;
     if (refresh->converting || !(learned || (responses && pliant_background_is_live(solver->background)))) {
         put_in(solver, statistics);
@@ -359,7 +359,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);
     refresh->started = step;
     refresh->wanted = false;
-    /* the symbolic analysis takes about as long as the factorization */
+    /* The symbolic analysis takes about as long as the factorization. */
     const bool first = !refresh->preconditioner && !solver->system->preconditioner;
     start(refresh, make_factor, step + (uint64_t)solver->refresh_delay * (first ? 2 : 1));
     return PLIANT_OK;

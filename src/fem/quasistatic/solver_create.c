@@ -18,7 +18,7 @@ static pliant_status iterate_create(const pliant_system *system, pliant_iterate 
     return iterate->x && iterate->step && iterate->residual && iterate->elastic && iterate->free_step ? PLIANT_OK : pliant_fail_memory("the solver");
 }
 
-/* x stays */
+/* Free all arrays of an iterate except x. */
 static void iterate_free(pliant_iterate *iterate)
 {
     pliant_free(iterate->step);
@@ -28,7 +28,7 @@ static void iterate_free(pliant_iterate *iterate)
     iterate->step = iterate->residual = iterate->elastic = iterate->free_step = NULL;
 }
 
-/* what pliant_solver_wake makes */
+/* Free the arrays that pliant_solver_wake allocates. */
 static void free_room(pliant_solver *solver)
 {
     iterate_free(&solver->now);

@@ -77,7 +77,7 @@ static void rotation_of(int32_t count, const double *from, const double *to, dou
     pliant_rotation_signed_svd(product, rotation);
 }
 
-/* of a rotation [rad] */
+/* Compute the rotation vector of a rotation [rad]. */
 static void angle_of(const double r[9], double out[3])
 {
     const double axis[3] = {r[7] - r[5], r[2] - r[6], r[3] - r[1]}, sine = 0.5 * sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);

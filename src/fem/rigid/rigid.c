@@ -287,7 +287,7 @@ static bool substep(pliant_rigid *body, const double inverse[9], const double gr
         body->velocity[d] = now.velocity[d] + 0.5 * step * gravity[d];
         angle[d] = step * now.spin[d];
     }
-    /* without torques the momentum stays bitwise identical */
+    /* Without torques the momentum stays bitwise identical. */
     if (num_pulls + num_contacts > 0) apply(inertia, now.spin, body->momentum);
     pliant_rigid_turn(angle, body->rotation, rotation);
     memcpy(body->rotation, rotation, sizeof rotation);
