@@ -1,5 +1,6 @@
-/* Edges that a blade passes through are cut there, one after the other: an edge is bisected in all tetrahedra around it at once, so that
- * neighbours always have the same faces, and the pattern of cut edges of a tetrahedron decides how it is split (NUMERICS.md). */
+/* Cut the edges that a blade passes through, one after the other. An edge is bisected in all tetrahedra around it at
+ * once, so that neighbours always have the same faces. The cut edges of a tetrahedron determine how it is split
+ * (NUMERICS.md). */
 #include "cut/subdivide.h"
 
 #include "cut/sweep.h"
@@ -14,9 +15,9 @@
 static const int ends_of[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 typedef struct edge {
-    int32_t end[2]; /* the lower one first */
-    double share;   /* of the way to the second where the blade passes */
-    double length;  /* at rest [m] */
+    int32_t end[2]; /* node numbers, ascending */
+    double share;   /* position of the intersection as a fraction of the edge */
+    double length;  /* rest length [m] */
 } edge;
 
 typedef struct edge_list {
@@ -44,7 +45,7 @@ static void box_of(const cut_splitting *work, const int32_t *nodes, int count, d
     }
 }
 
-/* the edges of tetrahedra near the strip, some of them several times */
+/* List the edges of tetrahedra near the strip; an edge may occur several times. */
 static pliant_status list_near(const cut_splitting *work, edge_list *list)
 {
     const cut_strip *strip = work->strip;
@@ -84,7 +85,8 @@ static int by_length(const void *a, const void *b)
     return i->length > j->length ? -1 : i->length < j->length ? 1 : by_ends(a, b);
 }
 
-/* where the strip passes through an edge; that it passes twice and more leaves its ends where they were, if it is even often */
+/* Find the intersection of the strip and an edge. An even number of crossings leaves both ends on the same side, so the
+ * edge is not cut. */
 static bool is_crossed(const cut_splitting *work, edge *one)
 {
     const double *a = work->positions + 3 * (size_t)one->end[0], *b = work->positions + 3 * (size_t)one->end[1];
@@ -118,13 +120,14 @@ static void find_crossed(const cut_splitting *work, edge_list *list)
             squares += way * way;
         }
         one.length = sqrt(squares);
-        list->edges[count++] = one; /* count is at most e: what is compared with is behind it, or itself */
+        /* count is at most e, so the comparison reads only entries that are not overwritten yet */
+        list->edges[count++] = one;
     }
     list->count = count;
     qsort(list->edges, (size_t)count, sizeof *list->edges, by_length);
 }
 
-/* Ends that the blade passes so closely lie on its way. */
+/* Mark ends of edges that the blade passes within a tolerance as nodes on the blade. */
 static void snap(cut_splitting *work, const edge_list *list)
 {
     const double least = work->body->subdivision->least_edge;
@@ -142,7 +145,8 @@ static int corner_of(const cut_splitting *work, int32_t tet, int32_t node)
     return -1;
 }
 
-/* whether both parts of all tetrahedra around an edge are large enough; work->around: those */
+/* Return whether both parts of all tetrahedra around an edge would be large enough.
+ * work->around: these tetrahedra */
 static bool parts_are_large(const cut_splitting *work, const edge *one, const double middle[3])
 {
     for (int32_t i = 0; i < work->num_around; i++)
@@ -157,7 +161,7 @@ static bool parts_are_large(const cut_splitting *work, const edge *one, const do
 
 static uint8_t fixed_between(uint8_t a, uint8_t b) { return a == PLIANT_MOVES || b == PLIANT_MOVES ? PLIANT_MOVES : a == b ? a : PLIANT_FIXED_WHERE_IT_WAS; }
 
-/* The first part keeps the number of its tetrahedron, the second one is appended. */
+/* Bisect an edge. The first part of each tetrahedron keeps its number; the second part is appended. */
 static pliant_status bisect(cut_splitting *work, const edge *one)
 {
     const int32_t a = one->end[0], b = one->end[1];
@@ -197,7 +201,8 @@ pliant_status pliant_split_edges(cut_splitting *work)
     if (status == PLIANT_OK && list.count > 0) {
         find_crossed(work, &list);
         snap(work, &list);
-        for (int32_t e = 0; e < list.count && status == PLIANT_OK; e++) { /* what begins on the way of the blade is not cut again */
+        /* an edge with a node on the blade is not cut again */
+        for (int32_t e = 0; e < list.count && status == PLIANT_OK; e++) {
             const edge *one = list.edges + e;
             if (!work->on[one->end[0]] && !work->on[one->end[1]]) status = bisect(work, one);
         }

@@ -1,4 +1,4 @@
-// Bodies of every method, that are cut while tools hold them, for tests of what follows from one body to the next.
+// Bodies of every method that are cut while tools grasp them, for tests of the change from one body to the next.
 #ifndef PLIANT_TEST_ADAPT_CASES_H
 #define PLIANT_TEST_ADAPT_CASES_H
 
@@ -37,7 +37,7 @@ inline void explicit_dynamics(pliant_scene &scene, bool quasi_static)
     scene.tled.prony_share[0] = quasi_static ? 0 : 0.3;
     scene.tled.prony_time[0] = 0.1;
     scene.solver.step = 0.01;
-    scene.tled.damping = 20; // it comes to rest soon
+    scene.tled.damping = 20; // strong damping, so that it comes to rest soon
 }
 
 const Case direct{"direct", [](pliant_scene &scene) { scene.solver.preconditioner = PLIANT_DIRECT; }};
@@ -89,7 +89,8 @@ const Case cubes{"tled_hexahedra", [](pliant_scene &scene) {
 const Case dynamic{"tled", [](pliant_scene &scene) { explicit_dynamics(scene, false); }};
 const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(scene, true); }};
 
-// A block that hangs from its floor at z = 0 under gravity along x, two tools, a warp; few iterations, so that history and factors count.
+// Create a block that hangs from its floor at z = 0 under gravity along x, with two tools and a warp. Few iterations
+// are allowed, so that history and factors matter.
 inline std::unique_ptr<Body> make(const Case &each)
 {
     std::unique_ptr<Body> body(new Body(size, box, {{4000, 0.4, 1000, false}, {20000, 0.4, 1200, false}}, [](int i, int, int k) { return (i < 6 || i > 9) && k > 9; }));
@@ -130,7 +131,7 @@ inline void step(Body &body, int count)
     }
 }
 
-// everything that a step leaves where others see it
+// Return all visible results of a step.
 inline std::vector<uint8_t> state(const Body &body)
 {
     const pliant_data &data = *body.data;
@@ -154,7 +155,7 @@ inline std::vector<uint8_t> state(const Body &body)
     return out;
 }
 
-// the same topology again, under the next revision
+// Set the same topology with the next revision.
 inline void renew(Body &body)
 {
     pliant_body *next = nullptr;
@@ -164,7 +165,8 @@ inline void renew(Body &body)
     pliant_body_release(next);
 }
 
-// Corners on the far side of a plane of element faces get copies of its nodes. up: only where z is above.
+// Copy the nodes on a plane of element faces for the corners on its far side.
+// up: only nodes with larger z
 inline std::vector<int32_t> split(const pliant_body &body, double x, double up = -1)
 {
     const pliant_mesh &mesh = body.fine;

@@ -1,4 +1,4 @@
-// Bodies that follow one another while a simulation runs: what is derived from a body goes over to the next one.
+// Successive bodies of a running simulation: derived data are carried over to the next body.
 #include "adapt_cases.h"
 
 namespace {
@@ -23,7 +23,7 @@ TEST_P(EveryMethod, ARevisionOfTheSameTopologyChangesNoBits)
     EXPECT_EQ(other->data->body->revision, 5u);
     EXPECT_EQ(other->data->solver, solver);
     EXPECT_NE(other->data->body, other->model->body);
-    // and back to load
+    // back to the initial body
     ASSERT_EQ(pliant_data_reset(other->model, other->data), PLIANT_OK);
     EXPECT_EQ(other->data->body, other->model->body);
     ASSERT_EQ(pliant_data_reset(one->model, one->data), PLIANT_OK);
@@ -38,13 +38,13 @@ INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
 
 struct EveryDivisible : testing::TestWithParam<Case> {};
 
-// until no thread takes memory, or an allocation that is meant to fail
+// Wait until no other thread allocates memory. In these tests an allocation would fail on purpose.
 void wait_for_background(const Body &body)
 {
     while (body.data->solver && pliant_refresh_is_busy(body.data->solver)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
-// no memory for any of it: the body before goes on with the same bits
+// Without memory for the next body, the previous body continues with bitwise identical results.
 TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
 {
     std::unique_ptr<Body> one = make(GetParam()), other = make(GetParam());
@@ -58,7 +58,7 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     wait_for_background(*one);
     wait_for_background(*other);
     const size_t before = pliant_memory_in_use();
-    // every allocation where there are few, then some of them: preparing takes a while
+    // fail every early allocation, then only some, because preparing takes long
     for (int64_t n = 0;; n += n < 24 ? 1 : 1 + n / 4) {
         pliant_memory_fail_after(n);
         pliant_status status = pliant_data_set_body(other->model, other->data, next);
@@ -71,7 +71,8 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     }
     EXPECT_GT(failed.size(), 20u);
     EXPECT_EQ(other->data->body, next);
-    ASSERT_EQ(pliant_data_set_body(other->model, other->data, other->model->body), PLIANT_OK); // it was taken in the end
+    // the body was set in the end
+    ASSERT_EQ(pliant_data_set_body(other->model, other->data, other->model->body), PLIANT_OK);
     pliant_body_release(next);
 
     std::unique_ptr<Body> third = make(GetParam());
@@ -80,7 +81,7 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     wait_for_background(*third);
     next = divide(third->data->body, 2, split(*third->data->body, 0.08, 0.09));
     for (int64_t n : failed) {
-        if (2 * n > failed.back()) break; // how many there are depends a little on which thread does what
+        if (2 * n > failed.back()) break; // the number of allocations varies slightly with the schedule of the threads
         pliant_memory_fail_after(n);
         pliant_status status = pliant_data_set_body(third->model, third->data, next);
         pliant_memory_fail_after(-1);
@@ -94,11 +95,11 @@ TEST_P(EveryDivisible, WithoutMemoryTheBodyBeforeGoesOn)
     }
 }
 
-// at rest nothing has a history: cut there, the body moves as one that was in two from the start
+// A body at rest has no history. Cut there, it moves as a body that was divided from the start.
 TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
 {
     std::unique_ptr<Body> apart = make(GetParam()), whole = make(GetParam());
-    // made apart: the model's own body is the divided one
+    // the divided body is the initial body of the second model
     const pliant_body *next = divide(apart->model->body, 2, split(*apart->model->body, 0.08, 0.05));
     ASSERT_TRUE(next);
     ASSERT_EQ(pliant_data_set_body(apart->model, apart->data, next), PLIANT_OK) << pliant_last_error();
@@ -108,7 +109,7 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
         ASSERT_EQ(pliant_data_set_limits(body->data, 200, 1e-9), PLIANT_OK);
     }
     step(*whole, 3);
-    for (int t = 0; t < 2; t++) // the tools pull the halves apart, to where they are in the other one
+    for (int t = 0; t < 2; t++) // move the tools of the divided body to the same positions
         ASSERT_EQ(pliant_tool_set_pose(apart->data, t, whole->data->tools[t].tip, nullptr), PLIANT_OK);
     cut(*whole, 0.08, 0.05);
     const pliant_mesh &mesh = whole->data->body->fine;
@@ -133,9 +134,9 @@ TEST_P(EveryDivisible, ACutBodyMovesAsOneThatWasMadeApart)
         opened = std::fmax(opened, std::fabs(x[3 * n + 1] - x[3 * source + 1]));
     }
     EXPECT_LT(most, 2e-6);
-    EXPECT_GT(opened, 1e-3); // the tools shear the halves along y, and the cut lets them
+    EXPECT_GT(opened, 1e-3); // the tools shear the halves along y, and the cut permits it
 }
-// ---- what a cut has not touched is copied: the same bits as making all anew
+// ---- copied data away from a cut are bitwise identical to recomputed data
 
 template <class T> void expect_same(const T *a, const T *b, size_t count, const char *what)
 {
@@ -207,7 +208,7 @@ TEST_P(EveryFragment, IncrementallyAsAnew)
         if (!made->tled) expect_same(*made->system, *anew->system);
         pliant_discretization_release(anew);
     };
-    for (double z : {0.11, 0.06}) { // two strokes, fragments of fine tetrahedra
+    for (double z : {0.11, 0.06}) { // two strokes through fragments of fine tetrahedra
         const pliant_body *before = bodies.back(), *next = sever_plane(before, before->revision + 1, slanted, above(z), &sides);
         ASSERT_TRUE(next) << pliant_last_error();
         bodies.push_back(next);
@@ -215,14 +216,15 @@ TEST_P(EveryFragment, IncrementallyAsAnew)
         EXPECT_LT(next->changes.num_touched, before->fine.num_tets / 2);
         compare(next);
     }
-    compare(bodies[1]); // the way back
+    compare(bodies[1]); // back to an earlier body
     compare(bodies[2]);
     ASSERT_EQ(pliant_data_set_body(body->model, body->data, body->model->body), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body->data->discretization, body->model->discretization);
     for (const pliant_body *each : bodies) pliant_body_release(each);
 }
 
-// steps between strokes, the tools pulling: it stays a state, and settles where a body that was cut at rest does
+// With steps between strokes and pulling tools, the simulation stays valid. It converges to the same state as a body
+// that was cut at rest.
 struct EveryStroke : testing::TestWithParam<Case> {};
 TEST_P(EveryStroke, WhileItMoves)
 {
@@ -264,10 +266,11 @@ TEST_P(EveryStroke, WhileItMoves)
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryFragment, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, averaged, calibrated, patch, dynamic, cubes, relaxed), name_of);
 
-// A bar that sags is cut half through at once: where it hangs then, by a third more evaluations than any step has. What else pulls at it has its part.
+// A sagging bar is cut half through in one step. The first step after the cut must be near the equilibrium, which is
+// computed with a third more evaluations than a step has. Other loads contribute too.
 struct First {
     const char *name;
-    double within; // of the largest displacement
+    double within; // relative to the maximum displacement
     void (*set)(Body &body);
 };
 void hold_by_spring(Body &body)
@@ -341,7 +344,7 @@ TEST_P(FirstStep, OfACutTurnsWhatHangsOnLess)
 INSTANTIATE_TEST_SUITE_P(Pulled, FirstStep, testing::Values(First{"ByWeight", 0.02, [](Body &) {}}, First{"BySpring", 0.02, hold_by_spring}, First{"AndPushed", 0.05, push_aside}, First{"InTime", 0.02, give_time}),
                          [](const auto &info) { return info.param.name; });
 
-// without memory for it, the state is that before the step, and the next step begins with it
+// Without memory, the state is the state before the step, and the next step starts from it.
 TEST(FirstStepAfterACut, WithoutMemoryLeavesTheStateBefore)
 {
     const int cells[3] = {8, 2, 2};
@@ -361,8 +364,9 @@ TEST(FirstStepAfterACut, WithoutMemoryLeavesTheStateBefore)
     ASSERT_TRUE(next);
     ASSERT_EQ(pliant_data_set_body(body.model, body.data, next), PLIANT_OK) << pliant_last_error();
     pliant_body_release(next);
-    ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error(); // what is kept from step to step has its room
-    wait_for_background(body); // which makes the factor of the cut body: no other thread takes memory
+    // allocates the buffers that are kept between steps
+    ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
+    wait_for_background(body); // until the factor of the cut body is computed, so that no other thread allocates memory
     pliant_solver *solver = body.data->solver;
     const size_t count = 3 * static_cast<size_t>(solver->system->mesh->num_nodes);
     const std::vector<double> before(solver->now.x, solver->now.x + count);
@@ -382,7 +386,7 @@ TEST(FirstStepAfterACut, WithoutMemoryLeavesTheStateBefore)
     EXPECT_FALSE(solver->opened);
 }
 
-// what a live run took of what was made in the background, while it was cut, makes the same bits again
+// The background results that a live run used while it was cut give bitwise identical results in a replay.
 struct EveryReplay : testing::TestWithParam<Case> {};
 TEST_P(EveryReplay, OfALiveRunThatIsCut)
 {
@@ -417,7 +421,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, EveryReplay, testing::Values(direct, multigrid
 INSTANTIATE_TEST_SUITE_P(Methods, EveryStroke, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, plain, schur, averaged, calibrated, relaxed), name_of);
 INSTANTIATE_TEST_SUITE_P(Methods, EveryDivisible, testing::Values(direct, multigrid, hexahedra, averaged_hexahedra, coarse_hexahedra, plain, schur, schur_hexahedra, averaged, calibrated, patch, patch_hexahedra, octree, octree_hexahedra, dynamic, cubes, relaxed), name_of);
 
-// ---- what no part of all this had a hand in: the left half of a body in two is the body of half the width
+// ---- independent check: the left half of a divided body equals a body of half the width
 
 struct EveryHalf : testing::TestWithParam<Case> {};
 TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
@@ -454,6 +458,7 @@ TEST_P(EveryHalf, OfABodyInTwoIsABodyOfItsOwn)
     EXPECT_GT(moved, 1e-3);
     EXPECT_LT(most, 1e-5 * moved + 1e-8);
 }
-INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, hexahedra, octree, relaxed), name_of); // coarse ones are fine beside the cut
+// coarse methods use fine elements next to the cut
+INSTANTIATE_TEST_SUITE_P(Methods, EveryHalf, testing::Values(direct, multigrid, hexahedra, octree, relaxed), name_of);
 
 } // namespace

@@ -1,9 +1,9 @@
-// Bodies that follow one another: what coarse elements become, the way back, what is refused, and simulations that share a model.
+// Successive bodies: coarse elements, undo, rejected bodies, and simulations that share a model.
 #include "adapt_cases.h"
 
 namespace {
 
-// whether an element is, in single precision, the tetrahedron of these corners at load
+// Return whether an element equals, in single precision, the tetrahedron of these corners in the initial mesh.
 bool is_tetrahedron_of(const pliant_system &load, const pliant_macros &macros, int32_t e)
 {
     const int32_t *node = macros.node + macros.start[e];
@@ -24,7 +24,8 @@ bool is_tetrahedron_of(const pliant_system &load, const pliant_macros &macros, i
     return false;
 }
 
-// A plane through coarse elements: there they are the fine mesh's, of which none is of both sides, and elsewhere what they were at load, hexahedra to the bit.
+// A plane through coarse elements: there the fine mesh's elements are used, each on one side only. Elsewhere the
+// elements are unchanged, hexahedra bitwise identical.
 TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
 {
     const double x = 0.06;
@@ -37,7 +38,7 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
         const pliant_macros *macros = system->macros;
         const int32_t coarse = system->graded->coarse_nodes;
         EXPECT_EQ(coarse, load->mesh->num_nodes);
-        std::map<std::vector<int32_t>, const float *> roots; // of elements at load
+        std::map<std::vector<int32_t>, const float *> roots; // of elements of the initial mesh
         for (int32_t e = 0; load->macros && e < load->macros->count; e++)
             roots[{load->macros->node + load->macros->start[e], load->macros->node + load->macros->start[e + 1]}] = load->macros->root[e];
         int32_t kept = 0, between = 0;
@@ -62,7 +63,8 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
         }
         EXPECT_GT(between, 0);
         EXPECT_GT(kept, 0);
-        // a pull at the right part does not reach the left one, and moves its own as far as on the fine mesh, as far as coarse elements can
+        // A pull at the right part does not affect the left one. It moves the right part as far as on the fine mesh,
+        // within the accuracy of coarse elements.
         double moved[2] = {0, 0};
         for (Body *one : {body.get(), fine.get()}) {
             int tool;
@@ -93,7 +95,8 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
     }
 }
 
-// A ball of bone with nodes moved onto it, beside and in cubes that a cut refines: it goes on moving, to where all forces are balanced.
+// A sphere of bone with nodes moved onto its surface, next to and in cubes that a cut refines. The simulation converges
+// to equilibrium.
 TEST(Adapt, NodesOnBoneBesideRefinedCubes)
 {
     for (const Case *each : {&averaged, &averaged_hexahedra, &coarse_hexahedra}) {
@@ -123,7 +126,7 @@ TEST(Adapt, NodesOnBoneBesideRefinedCubes)
         for (int32_t e = system->graded->num_base; e < system->macros->count; e++) (system->macros->grounded[e] ? grounded : turn) += system->macros->rank[e] > 0;
         std::printf("%s: of the fine elements %d turn, %d do not\n", each->name, turn, grounded);
         EXPECT_GT(turn, 0) << each->name;
-        EXPECT_EQ(grounded > 0, each != &averaged) << each->name; // those with more than eight nodes
+        EXPECT_EQ(grounded > 0, each != &averaged) << each->name; // elements with more than eight nodes
         ASSERT_EQ(pliant_data_set_limits(body.data, 200, 1e-9), PLIANT_OK);
         step(body, 20);
         double most = 0;
@@ -154,7 +157,7 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     EXPECT_EQ(body->data->last_revision, 3u);
     ASSERT_EQ(pliant_data_reset(body->model, body->data), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body->data->body, body->model->body);
-    // as if it had just been made
+    // equal to a new simulation
     std::unique_ptr<Body> fresh = make(direct);
     take_hold(*fresh);
     take_hold(*body);
@@ -165,8 +168,8 @@ TEST(Adapt, UndoTakesTheBodyBeforeAndResetTheFirst)
     EXPECT_EQ(state(*body), state(*fresh));
 }
 
-/* Two cuts, each solved for until the preconditioner is the body's own, and undone one after the other: what is there of a body that gives way where it was cut would
- * need hundreds of evaluations. */
+/* Two cuts, each followed by enough steps for a new preconditioner, then undone one after the other. With the
+ * preconditioner of the cut body, an undone cut would need hundreds of evaluations. */
 struct Undone : testing::TestWithParam<Case> {};
 TEST_P(Undone, CutsAreSolvedForAsSoonAsCuts)
 {
@@ -209,7 +212,8 @@ const Case subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PL
 INSTANTIATE_TEST_SUITE_P(Adapt, Undone, testing::Values(direct, multigrid, hexahedra, averaged, coarse_hexahedra, schur, patch, octree, octree_hexahedra, subdivided),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
-// A cut that is undone before the next step has moved nothing: every node is where it was, to the bit, also of a body that was cut before.
+// A cut that is undone before the next step moves nothing: positions stay bitwise identical, also if the body was cut
+// before.
 struct UndoneAtOnce : testing::TestWithParam<Case> {};
 TEST_P(UndoneAtOnce, LeavesThePositionsToTheBit)
 {
@@ -267,7 +271,7 @@ TEST(Adapt, TwoSimulationsOfOneModelOnTwoThreads)
             cut(body, 0.08, 0.09);
             step(body, 4);
         };
-        // the same model under another data; a view that owns nothing
+        // the same model with other data; a view without ownership
         std::unique_ptr<Body> alone = make(*each);
         run(*alone);
         Body view(size, box, {{4000, 0.4, 1000, false}});

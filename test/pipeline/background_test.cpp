@@ -1,4 +1,4 @@
-// What is made in the background is put to use when it is ready, and again when it was.
+// Background results are installed when they are ready; prescribed ones at the same step as before.
 #include "body.h"
 
 #include <chrono>
@@ -28,8 +28,8 @@ struct Pulled {
     std::vector<double> positions;
 };
 
-// A pull, by a tool that waits for its patch where there is to be one, lets go and takes hold again. pause: between steps, so that results
-// come when they come.
+// Pull with a tool, release and grasp again; wait for a patch if there is one.
+// pause: random sleep between steps, so that results arrive at varying steps
 Pulled pull(Body &body, int steps, pliant_background_kind kind, const std::vector<uint32_t> *prescribed, int pause)
 {
     Pulled out;
@@ -51,10 +51,10 @@ Pulled pull(Body &body, int steps, pliant_background_kind kind, const std::vecto
         all |= out.taken.back();
         out.positions.insert(out.positions.end(), body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
         if (pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(s * pause % 7));
-        // a busy machine takes its time: what the test is about has to come
+        // on a busy machine, wait until the tested result arrives
         const bool waits_for_patch = s == steps / 4 && body.data->patch && !(all & PLIANT_TAKES_PATCH);
         const bool waits_for_factor = s == steps - 1 && kind != PLIANT_BACKGROUND_PLANNED && !(all & PLIANT_TAKES_FACTOR), waits = waits_for_patch || waits_for_factor;
-        if (waits_for_factor) body.data->solver->rules.rate = 1; // a tool that stands still wants none
+        if (waits_for_factor) body.data->solver->rules.rate = 1; // request a factor; a resting tool would not need one
         if (waits && pause > 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
         s += !waits;
     }
@@ -83,7 +83,8 @@ TEST(Background, ALivePullIsRepeatedBitForBit)
     }
 }
 
-// Far larger than a step, the work for a factor spans several: live, none waits for it, though it is due a step after its start; planned, one does.
+// The factorization takes much longer than a step. Live steps do not wait for it although it is due after one step; a
+// planned step does.
 TEST(Background, LiveNoStepWaits)
 {
     Body body(size, box, {{5000, 0.45, 1000, false}});
@@ -102,7 +103,7 @@ TEST(Background, LiveNoStepWaits)
         ASSERT_EQ(pliant_tool_grasp(body.model, body.data, tool, point), PLIANT_OK) << pliant_last_error();
         for (int s = 0; s < (live ? 300 : 8) && longest < 5; s++) {
             const double tip[3] = {0.06, 0.06, 0.11 + 0.01 * std::sin(0.1 * s)};
-            body.data->solver->rules.rate = 1; // one is wanted by hand, so that it is known when
+            body.data->solver->rules.rate = 1; // request a factor explicitly, so that its start is known
             ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_data_set_background(body.data, kind, 0), PLIANT_OK) << pliant_last_error();
             ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
@@ -114,8 +115,8 @@ TEST(Background, LiveNoStepWaits)
     }
 }
 
-// A factor that is put to use under a spring brings the tool's response to it, as the step would find it itself: the step after a factor has
-// come without one takes it from the thread.
+// A factor installed under a spring includes the tool's response, equal to the one that the step would compute. The
+// step after the installation takes it from the background thread.
 TEST(Background, AFactorBringsTheResponsesOfSprings)
 {
     Body body(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
@@ -136,7 +137,7 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
         while (pliant_refresh_is_busy(solver)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
         pliant_statistics statistics = body.data->statistics;
         const uint64_t factors = solver->factors;
-        statistics.step++; // as the next step begins
+        statistics.step++; // as at the beginning of the next step
         ASSERT_EQ(pliant_refresh_step(solver, &statistics), PLIANT_OK) << pliant_last_error();
         if (solver->factors == factors) continue;
         brought++;
@@ -149,8 +150,8 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
     EXPECT_GT(brought, 2);
 }
 
-// Where most steps are short, a live one is at most twice as long, and what it leaves is the next one's, but where a load comes suddenly; a
-// planned one ends when it is good.
+// If most steps are short, a live step is at most twice as long; the remaining work is done in the next step. Sudden
+// loads are excluded. A planned step ends when it has converged.
 TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
 {
     enum { EASY = 2 * PLIANT_EVEN_FIRST, TIGHT = EASY + 8, SUDDEN = TIGHT + 1 };

@@ -1,11 +1,12 @@
-// The beam of silicone that elements are judged on: 30 x 30 x 100 mm, E = 263.8 kPa, clamped at one end, under its own weight across.
+// Silicone beam for the verification of elements: 30 x 30 x 100 mm, E = 263.8 kPa, clamped at one end, with its weight
+// across.
 #ifndef PLIANT_TEST_BEAM_H
 #define PLIANT_TEST_BEAM_H
 
 #include "body.h"
 
 struct Beam : Body {
-    // across: cells along 30 mm
+    // across: number of cells along 30 mm
     Beam(pliant_element_kind kind, double poisson, int across, double gravity = 9.81) : Body(size, box, {{263.8e3, poisson, 1070, false}})
     {
         scene.element.kind = kind;
@@ -13,7 +14,7 @@ struct Beam : Body {
         fix_plane(0, 0, 1e-4, 0, 0, 1);
         scene.model.gravity[1] = -gravity;
     }
-    // built and settled: mean sag of the free end [m]
+    // Build and settle; return the mean sag of the free end [m].
     double sag(int steps = 200)
     {
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();

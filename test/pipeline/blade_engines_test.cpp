@@ -1,4 +1,5 @@
-// A blade through a slab that one end holds, in every engine: it is felt, the slab parts, what it cuts off falls, no step fails, and all of it can be taken back.
+// A blade cuts through a slab that is fixed at one end, with every engine. The tool receives a force, the slab
+// separates, the detached piece falls, no step fails, and all cuts can be undone.
 #include "../cuts.h"
 #include <cstdio>
 #include <cstdlib>
@@ -62,7 +63,7 @@ struct EveryEngine : testing::TestWithParam<Engine> {
         ASSERT_EQ(pliant_tool_set_blade(body.data, knife, from, to), PLIANT_OK);
         if (body.scene.model.patch > 0) hold();
     }
-    // beside where the blade goes: a patch is around what a tool holds
+    // Grasp next to the blade's path, so that there is a patch.
     void hold()
     {
         const double at[3] = {0.03, 0.012, 0.024};
@@ -85,7 +86,8 @@ struct EveryEngine : testing::TestWithParam<Engine> {
         EXPECT_EQ(pliant_tool_get(body.data, knife, &told), PLIANT_OK);
         return told;
     }
-    // downwards, 1 mm a step; what it takes [J]
+    // Move the blade down by 1 mm per step.
+    // work: input and output; work of the blade [J]
     void stroke(double x, double *work)
     {
         double force = 0;
@@ -101,7 +103,7 @@ struct EveryEngine : testing::TestWithParam<Engine> {
         }
         ASSERT_EQ(pliant_tool_set_cutting(body.data, knife, false), PLIANT_OK);
     }
-    // mean height of what is on this side of a plane x
+    // Return the mean height of the tissue on one side of a plane x.
     double height(double low, double high) const
     {
         const pliant_mesh &mesh = body.data->body->fine;
@@ -124,13 +126,13 @@ TEST_P(EveryEngine, PartsWhatABladeGoesThrough)
     if (HasFatalFailure()) return;
     const pliant_tool_state told = state();
     EXPECT_EQ(patched > 0, body.scene.model.patch > 0);
-    // what swings, or bends by an element as the last of it parts, meets the blade again, and may lose a sliver
+    // oscillating tissue, or a last element that bends, may meet the blade again and lose a sliver
     const bool swings = body.scene.solver.kind == PLIANT_TLED && !body.scene.tled.quasi_static, meets = swings || body.scene.mesh.kind == PLIANT_OCTREE;
     if (meets) EXPECT_GE(told.pieces, 2);
     else EXPECT_EQ(told.pieces, 2);
     EXPECT_NEAR(told.severed_area, 0.024 * 0.032, (meets ? 0.2 : 0.05) * 0.024 * 0.032);
     if (std::getenv("PLIANT_FIGURES")) std::printf("work %.4f of toughness times area%s\n", work / (toughness * told.severed_area), meets ? ", tissue meets the blade" : "");
-    // what comes over the blade by itself parts by its own work
+    // tissue that moves over the blade itself needs no work of the tool
     EXPECT_GT(work, (meets ? 0.86 : 0.9) * toughness * told.severed_area);
     EXPECT_LT(work, 1.1 * toughness * told.severed_area);
     EXPECT_EQ(mismatches(*body.data->body), 0);

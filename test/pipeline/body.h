@@ -32,11 +32,11 @@ public:
     {
         pliant_scene_defaults(&scene);
         scene.model.method = PLIANT_FINE;
-        scene.element.kind = PLIANT_LINEAR; // what most of the tests hold; others set theirs
+        scene.element.kind = PLIANT_LINEAR; // the elements of most tests; others set theirs
         scene.solver.iterations = 200;
         scene.solver.tolerance = 1e-9;
         scene.solver.threads = 2;
-        // of a patient: the blocks are smaller
+        // scaled from a patient, because the blocks are smaller
         scene.grasp.radius = 0.006;
         scene.cut.drag = 0.003;
         scene.warp.margin = 0.03;
@@ -78,7 +78,7 @@ public:
         pliant_volume_free(&scan);
     }
 
-    // a tool that is a ball; its number
+    // Add a tool with a spherical shape; return its index.
     int add_ball(double radius)
     {
         pliant_tool_shape ball{};
@@ -98,7 +98,7 @@ public:
         scene.mesh.coarse_cells[2] = c;
         scene.mesh.ratio = ratio;
     }
-    // nodes with normal . (x - point) <= 0 are fixed
+    // Fix the nodes with normal . (x - point) <= 0.
     void fix_plane(double px, double py, double pz, double nx, double ny, double nz)
     {
         pliant_fixed_plane &plane = scene.fixed.planes[scene.fixed.num_planes++];
@@ -113,14 +113,14 @@ public:
         pliant_status status = pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model);
         return status == PLIANT_OK ? pliant_data_create(model, &data) : status;
     }
-    // step until the residual is below the tolerance
+    // Step until the residual is below the tolerance.
     pliant_status settle(int steps = 50)
     {
         pliant_status status = PLIANT_NOT_CONVERGED;
         for (int s = 0; s < steps && status == PLIANT_NOT_CONVERGED; s++) status = pliant_step(model, data);
         return status;
     }
-    // elastic force on every solved node (fixed ones too) at given positions of the solved mesh
+    // Return the elastic force on every solved node, including fixed ones, at given positions of the solved mesh.
     std::vector<double> elastic_force(const std::vector<double> &positions) const
     {
         const pliant_system *system = model->system;
@@ -139,7 +139,7 @@ private:
     std::vector<pliant_material> records;
 };
 
-// x -> a x + b on every node
+// Return the positions a x + b of all nodes.
 inline std::vector<double> affine(const pliant_mesh &mesh, const double a[9], const double b[3])
 {
     std::vector<double> out(3 * static_cast<size_t>(mesh.num_nodes));

@@ -1,5 +1,5 @@
-// A breast from prone to supine ([H] 4.2), as a user runs it: the scene and the path that are shipped, on a scan made here and, where it is
-// there, on the public mesh.
+// A breast from prone to supine ([H] 4.2) with the installed scene and path, on a generated scan and, if available, on
+// the public mesh.
 #include "base/matrix.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
@@ -25,11 +25,11 @@ Point cross(const Point &a, const Point &b) { return {a[1] * b[2] - a[2] * b[1],
 double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 const double wall = 0.033;                       // y of the chest wall in the scene [m]
-const double base = 0.042, depth = 0.08;         // y of the dome's flat back; to its front
+const double base = 0.042, depth = 0.08;         // y of the dome's flat back; depth to its front
 const Point radii{0.068, depth, 0.044};          // of the dome
 const double voxel = 0.002;
 
-// A closed surface: half an ellipsoid, its flat side to the back. Triangles look outwards.
+// Return a closed surface: half an ellipsoid with its flat side to the back. Triangles face outwards.
 std::vector<std::array<Point, 3>> dome()
 {
     const int rings = 12, around = 32;
@@ -50,10 +50,10 @@ std::vector<std::array<Point, 3>> dome()
     return out;
 }
 
-// whether a ray to the left crosses the surface an odd number of times
+// Return whether a ray to the left crosses the surface an odd number of times.
 bool holds(const std::vector<std::array<Point, 3>> &surface, const Point &p)
 {
-    const Point ray{-0.9137, 0.2713, 0.3019}; // through no edge of it
+    const Point ray{-0.9137, 0.2713, 0.3019}; // passes through no edge of the surface
     bool inside = false;
     for (const auto &corners : surface) {
         const Point a = corners[1] - corners[0], b = corners[2] - corners[0], from = p - corners[0];
@@ -71,7 +71,7 @@ double volume_of(const std::vector<std::array<Point, 3>> &surface)
     return sum;
 }
 
-// Per cent of glandular tissue at voxel centres, -1000 outside, as launch/breast_scan.py writes it
+// Write the percentage of glandular tissue at voxel centres, -1000 outside, in the format of launch/breast_scan.py.
 void write_dome(const std::string &path)
 {
     const auto surface = dome();
@@ -101,7 +101,7 @@ void write_dome(const std::string &path)
     EXPECT_NEAR(count * voxel * voxel * voxel / volume_of(surface), 1, 0.02);
 }
 
-// positions of a run's nodes, as they were written
+// Node positions of a run, read from its output file.
 struct Nodes {
     std::vector<double> rest, now;
     explicit Nodes(const std::string &path)
@@ -131,7 +131,7 @@ protected:
         pliant_material_table_free(&table_);
         pliant_volume_free(&scan_);
     }
-    // what the scene is built of, once more, for what its files do not tell: tetrahedra and masses
+    // Build the scene's mesh again, for data that its files do not contain: tetrahedra and masses.
     void look_at(const std::string &scan)
     {
         pliant_scene scene;
@@ -142,7 +142,7 @@ protected:
         ASSERT_EQ(pliant_model_build(&scene, &scan_, nullptr, &table_, {nullptr, nullptr}, &model_), PLIANT_OK) << pliant_last_error();
         path_ = scan;
     }
-    // the nodes at the end; everything else lies in the folder of this name
+    // Run the deformation and return the final nodes. The other results are in the folder of this name.
     Nodes deform(const std::string &name, const Options &options, const std::string &more)
     {
         std::string line = scene_ + " --set solver/threads=1 --set 'mesh/coarse_cells=" + cells_ + "' --scan " + path_ + " --out " +
@@ -158,7 +158,7 @@ protected:
         for (size_t n = 0; n < out.rest.size(); n++) EXPECT_NEAR(out.rest[n], model_->body->fine.rest[n], 1e-8);
         return out;
     }
-    // the shipped path, faster
+    // Return the installed path with a higher speed.
     std::string turn(double speed) const
     {
         pliant_path path;
@@ -173,7 +173,7 @@ protected:
         pliant_path_free(&path);
         return in("turn.yaml");
     }
-    // of the body to the back, mean by mass [m]
+    // Return the mean displacement to the back, weighted by mass [m].
     double way_back(const Nodes &nodes) const
     {
         double sum = 0, mass = 0;
@@ -183,7 +183,7 @@ protected:
         }
         return sum / mass;
     }
-    // of a tetrahedron: deformation gradient; gradients of the shape functions; volume at rest
+    // Compute a tetrahedron's deformation gradient, the gradients of its shape functions, and its rest volume.
     void deformation(const Nodes &nodes, int32_t tet, double f[9], double gradients[12], double *volume) const
     {
         const int32_t *corners = model_->body->fine.tets + 4 * tet;
@@ -195,7 +195,7 @@ protected:
     }
     void expect_held_by_the_wall(const Nodes &nodes) const;
     void expect_volume(const Nodes &nodes, double gravity) const;
-    // it hangs to the front, and sinks to the back
+    // Expect it to hang to the front, then to sink to the back.
     void expect_turned(const Nodes &prone, const Nodes &supine) const
     {
         for (const Nodes *each : {&prone, &supine}) {
@@ -214,7 +214,7 @@ protected:
     pliant_model *model_ = nullptr;
 };
 
-// what is fixed has not moved at all, and nothing has gone through it
+// Fixed nodes have not moved, and no node has passed through the wall.
 void Breast::expect_held_by_the_wall(const Nodes &nodes) const
 {
     int fixed = 0;
@@ -229,8 +229,9 @@ void Breast::expect_held_by_the_wall(const Nodes &nodes) const
     EXPECT_GT(fixed, 20);
 }
 
-// Gravity to the back makes the body smaller, to the front larger. No pressure exceeds that of the whole height where elements are full of
-// tissue and away from the wall's edge, so they change by that over their bulk modulus at most; nothing is turned inside out.
+// Gravity to the back reduces the volume, gravity to the front increases it. The pressure is bounded by the full height
+// in elements full of tissue and away from the wall's edge. Their volume therefore changes by at most this pressure
+// divided by the bulk modulus. No element is inverted.
 void Breast::expect_volume(const Nodes &nodes, double gravity) const
 {
     double change = 0, most = 0, height = 0;
@@ -251,7 +252,7 @@ void Breast::expect_volume(const Nodes &nodes, double gravity) const
     EXPECT_LT(std::fabs(change), most);
 }
 
-// y of the centre of a volume's tissue [m]
+// Return y of the centre of a volume's tissue [m].
 double centre_of(const pliant_volume &volume)
 {
     double sum = 0, count = 0;
@@ -274,7 +275,7 @@ TEST_F(Breast, TurnsFromProneToSupine)
     const Nodes supine = deform("turned", {}, "--every 100 --pictures --tools " + turn(1)), prone = nodes("turned/nodes_000100.csv");
     expect_turned(prone, supine);
     EXPECT_NE(out_.find("inverted now 0"), std::string::npos) << out_;
-    // and so does what is drawn of it, to a part of a voxel
+    // the rendered volume agrees within a fraction of a voxel
     const std::vector<std::pair<const char *, const Nodes *>> drawings{
         {"turned/deformed_000100.nii.gz", &prone}, {"turned/deformed.nii.gz", &supine}};
     for (const auto &drawing : drawings) {
@@ -286,7 +287,8 @@ TEST_F(Breast, TurnsFromProneToSupine)
     for (const char *name : {"turned/axial.png", "turned/coronal.png", "turned/sagittal.png"})
         EXPECT_EQ(access(in(name).c_str(), R_OK), 0) << name;
 
-    // tissue that is elastic lies the same, however it came there: twice as fast; by relaxation, without the way over the side
+    // The equilibrium of elastic tissue does not depend on the path: twice as fast, or with relaxation and without the
+    // turn over the side.
     const Nodes faster = deform("faster", {}, "--no-volume --steps 225 --tools " + turn(2));
     const Nodes relaxed = deform("relaxed", {{"model/gravity", "0 9.81 0"}, {"tled/quasi_static", "true"}, {"solver/tolerance", "1e-5"},
                                  {"tled/relaxation_steps", "5000"}}, "--no-volume --steps 1");
@@ -297,8 +299,9 @@ TEST_F(Breast, TurnsFromProneToSupine)
     }
 }
 
-// At rest, forces inside do the work of the load for every motion that the wall allows, here the distance from it (virtual work). Little
-// gravity stores half its work (Clapeyron), and turned around it mirrors the way.
+// Equilibrium by virtual work: for every motion that the wall permits, internal forces do the work of the load; here
+// the motion is the distance from the wall. Low gravity stores half its work (Clapeyron), and reversed gravity mirrors
+// the displacement.
 TEST_F(Breast, ForcesAreInBalance)
 {
     write_dome(in("dome.nii.gz"));
@@ -331,7 +334,7 @@ TEST_F(Breast, ForcesAreInBalance)
     EXPECT_NEAR(-way[1] / way[2], 1, 0.01);
 }
 
-// [H] figure 5: by a homogenized mesh, gravity turned round: the front hangs down, the chest wall stays
+// [H] figure 5: with a homogenized mesh and reversed gravity, the front hangs down and the chest wall stays.
 TEST_F(Breast, AHomogenizedOneHangsToTheFront)
 {
     write_dome(in("breast.nii"));

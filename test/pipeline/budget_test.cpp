@@ -1,5 +1,5 @@
-// Steps that have hardly any time: an evaluation or two, by a clock of the test's own, so that it does not matter how busy the
-// machine is.
+// Steps with a budget of one or two evaluations, measured by a simulated clock, so that the machine's load has no
+// effect.
 #include "fem/quasistatic/solver.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
@@ -14,7 +14,7 @@
 
 namespace {
 
-// Evaluations cost 3 to 8 ms, each its own, or as much as is said.
+// Simulated clock: an evaluation takes 3 to 8 ms, or a given time.
 struct Clock {
     double from = 3, to = 8;
     const pliant_solver *solver;
@@ -25,7 +25,8 @@ struct Clock {
     static double tell(void *user)
     {
         Clock &clock = *static_cast<Clock *>(user);
-        if (clock.solver->in_use.evaluations < clock.counted) clock.counted = 0; // counted from the last turn of the axes
+        // the count restarts with each change of the axes
+        if (clock.solver->in_use.evaluations < clock.counted) clock.counted = 0;
         for (; clock.counted < clock.solver->in_use.evaluations; clock.counted++) {
             clock.random = clock.random * 1664525u + 1013904223u;
             clock.now += 1e-3 * (clock.from + (clock.to - clock.from) * (clock.random >> 8) / double(1 << 24));
@@ -48,7 +49,7 @@ public:
     {
         EXPECT_EQ(pliant_scene_read(PLIANT_SOURCE_DIR "/launch/scenes/demo.yaml", &scene), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_inputs_read(&scene, scan_name, &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
-        scene.element.kind = PLIANT_LINEAR; // bounds are theirs
+        scene.element.kind = PLIANT_LINEAR; // the error bounds were determined for linear tetrahedra
         scene.solver.threads = 2;
         scene.solver.backend = PLIANT_CPU;
         scene.solver.iterations = exact ? 50 : 1000;
@@ -73,7 +74,7 @@ public:
         pliant_volume_free(&scan);
     }
     std::vector<double> positions() const { return std::vector<double>(data->positions, data->positions + 3 * data->body->fine.num_nodes); }
-    // one step, or as many as it takes
+    // Compute one step, or as many as are needed to converge.
     std::vector<double> solve(bool exact)
     {
         pliant_status status = PLIANT_NOT_CONVERGED;
@@ -96,7 +97,7 @@ double farthest(const std::vector<double> &a, const std::vector<double> &b)
     return most;
 }
 
-// a pull by force that grows, goes around and reverses; frames after frames
+// Pull by a force that increases, rotates and reverses; return the positions of all frames.
 std::vector<std::vector<double>> pull_by_force(Phantom &body, bool exact)
 {
     int tool;
@@ -113,7 +114,7 @@ std::vector<std::vector<double>> pull_by_force(Phantom &body, bool exact)
     return out;
 }
 
-// the largest error of a frame, over the largest displacement of all; and how many frames brought nothing new
+// Maximum error of a frame relative to the maximum displacement of all, and number of frames without progress.
 struct Judged {
     double worst = 0;
     int frozen = 0, worst_frame = 0;
@@ -150,8 +151,8 @@ TEST(Budget, NoFrameIsLostToARefusal)
     }
 }
 
-// Lies under its weight, which then turns over. Of the first frame, one evaluation and a blind step leave a quarter at most of what it
-// should move.
+// A body lies under its weight, which then reverses. One evaluation and one step without evaluation leave at most a
+// quarter of the first frame's displacement.
 TEST(Budget, TheFirstFrameOfTurnedGravityMoves)
 {
     std::vector<std::vector<double>> right;

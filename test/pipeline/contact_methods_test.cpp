@@ -1,4 +1,4 @@
-// Layers that slide, with every way of solving them, and the error that a step tells while a tool presses.
+// Sliding layers with every method, and the estimated error while a tool presses.
 #include "sheet.h"
 
 #include <cstdio>
@@ -6,7 +6,8 @@
 
 namespace {
 
-// Two layers of 10 mm on a plate, without friction; the upper one is held at one end. How far the other end goes along, or down [m].
+// Two layers of 10 mm on a plate, without friction; the upper one is fixed at one end. Return the displacement of its
+// other end along an axis [m].
 double moved(const std::vector<std::string> &options, const char *slides, int axis, double *penetration = nullptr)
 {
     const double box[3] = {0.08, 0.02, 0.02};
@@ -35,8 +36,9 @@ double moved(const std::vector<std::string> &options, const char *slides, int ax
     return sum / count;
 }
 
-// Along, the upper layer hangs on its end alone, by rho g L^2 / 2 E less 2 to 6 % since that end cannot narrow, and glued to the other layer it is held by that all along.
-// Down, it presses as the whole block does, whose meshes are 5 % apart.
+// Along: the upper layer is stretched by its weight, rho g L^2 / 2 E, minus 2 to 6 % because its fixed end cannot
+// contract. Glued to the other layer it moves less. Down: it presses as the whole block does; the two meshes differ by
+// 5 %.
 TEST(ContactMethods, LayersSlideByAllThatCanBeCut)
 {
     const struct { const char *name; std::vector<std::string> options; } rows[] = {
@@ -56,7 +58,7 @@ TEST(ContactMethods, LayersSlideByAllThatCanBeCut)
         std::printf("%-16s along %.3f mm, glued %.3f, alone %.3f; down %.4f mm, of a block %.4f\n", row.name, 1e3 * along, 1e3 * glued, 1e3 * alone, 1e3 * down, 1e3 * whole);
         EXPECT_GT(along, 0.93 * alone) << row.name;
         EXPECT_LT(along, alone) << row.name;
-        EXPECT_LT(glued, 0.65 * along) << row.name; // 0.2, and 0.59 by schur, which is too soft
+        EXPECT_LT(glued, 0.65 * along) << row.name; // 0.2, and 0.59 with schur, which is too soft
         EXPECT_NEAR(down, whole, 0.08 * std::fabs(whole)) << row.name;
         for (double each : deep) EXPECT_LT(each, 1e-7) << row.name;
     }
@@ -74,8 +76,10 @@ TEST(ContactMethods, LodIsRefusedByWord)
     EXPECT_NE(std::string(pliant_last_error()).find("lod interpolates within whole cubes"), std::string::npos) << pliant_last_error();
 }
 
-// A ball pressed into a block and drawn along it. Each frame of a few evaluations against the same frame solved to the end from the same state, the farthest node:
-// within the factor of three that told_test asks for in 95 % of frames, of 192 here all but one (told 3.7 times); less than a third in none: contact adds no error that is not told.
+// A ball is pressed into a block and dragged along it. Each frame of a few evaluations is compared with the same frame
+// solved to convergence from the same state, at the node with the maximum error. told_test requires the estimate within
+// a factor of three in 95 % of frames. Here one of 192 frames is outside (3.7 times), and no estimate is below a third
+// of the error.
 TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
 {
     int frames = 0, within = 0, below = 0;

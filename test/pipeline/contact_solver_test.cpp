@@ -1,4 +1,4 @@
-// What the quasi-static solver makes of contacts, held against theory: Hertz, Coulomb, what is fixed.
+// Quasi-static contact against theory: Hertz, Coulomb, and reaction forces.
 #include "../contacts.h"
 #include "half_space.h"
 #include "fem/dynamics/tled.h"
@@ -14,14 +14,14 @@ Obstacle plate(double x, double y, double z, double nx, double ny, double nz, do
     return {Obstacle::HALF_SPACE, {x, y, z}, {nx, ny, nz}, 0, friction, {0, 0, 0}, 0};
 }
 
-// Points that push, slide and lift off at random, some of them twice over: the conditions hold, and it takes few steps and sweeps.
-// Points whose motions by forces are shares of `inner` waves: A = shares shares'.
+// Random points that push, slide and separate, some of them duplicated. The contact conditions must hold after few
+// Newton steps and sweeps. The motions are combinations of `inner` waves: A = shares shares'.
 struct Cones {
     Cones(int points, int waves)
         : count(points), rows(3 * points), inner(waves), shares(rows * inner), matrix(rows * rows), friction(points, 0.3), start(rows), force(rows)
     {
     }
-    // Returns the steps and sweeps that it took.
+    // Return the number of steps and sweeps.
     int32_t solve()
     {
         std::vector<double> room(PLIANT_CONE_ROOM * rows + PLIANT_CONE_EQUATIONS);
@@ -68,7 +68,8 @@ TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
     for (int trial = 0; trial < 20; trial++) {
         Cones cones(20, 70);
         for (double &share : cones.shares) share = normal(random);
-        for (int i = 0; i < 3 * cones.inner; i++) cones.shares[3 * cones.inner + i] = cones.shares[i]; // the second point is the first
+        // the second point is a copy of the first
+        for (int i = 0; i < 3 * cones.inner; i++) cones.shares[3 * cones.inner + i] = cones.shares[i];
         for (int i = 0; i < cones.rows * cones.inner; i++) cones.shares[i] *= std::exp(-0.025 * (i % cones.inner));
         for (int p = 4; p < cones.count; p += 5) cones.friction[p] = PLIANT_CONE_HELD;
         for (double &v : cones.start) v = normal(random);
@@ -79,7 +80,8 @@ TEST(Cones, AllAtOnceWhereWhoSlidesIsClear)
     EXPECT_LT(sweeps, 20 * 9); // 370 without Newton's method
 }
 
-// Nodes, edges and triangles of a curved patch that is pressed and turned at once, from no forces: those of one triangle say nearly the same.
+// Nodes, edges and triangles of a curved patch that is pressed and rotated at once, starting from zero forces. The
+// constraints of one triangle are nearly dependent.
 TEST(Cones, PointsOfTheSameTriangles)
 {
     enum { SIDE = 4 };
@@ -121,7 +123,7 @@ TEST(Cones, PointsOfTheSameTriangles)
         steps += cones.solve();
         cones.expect_right();
     }
-    EXPECT_LT(steps, 20 * 10); // 257 without sweeps first and steps that are damped
+    EXPECT_LT(steps, 20 * 10); // 257 without initial sweeps and damping
 }
 
 // Hertz: F = 4/3 E* sqrt(R) d^1.5.
@@ -147,8 +149,9 @@ TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
     }
 }
 
-// F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). Pressure is infinite at the edge, and the force of a mesh too small by as much
-// as its elements are large over a, which is that of a circle of as much area as the nodes under the punch have: a line through five meshes ends at F.
+// F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). The pressure is infinite at the edge, and a
+// mesh's force is too small in proportion to h / a. The effective radius is that of a circle with the area of the nodes
+// under the punch. A straight line through five meshes extrapolates to F.
 TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
 {
     const double radius = 0.0201, depth = 2e-4;
@@ -174,11 +177,13 @@ TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
     EXPECT_NEAR((sum[2] * sum[3] - sum[1] * sum[4]) / (sum[0] * sum[3] - sum[1] * sum[1]), 1, 0.03);
 }
 
-// A sphere of 1 m that is pressed 0.1 mm into a block of 40 x 40 x 20 mm on the ground, friction 0.3, and moved aside by 0.02 mm, so that it slips at the
-// border and sticks within (Mindlin). CalculiX 2.20: C3D8I, *STATIC without NLGEOM, the sphere a cap of C3D8 that is moved, surface to surface with
-// pressure-overclosure LINEAR of 50 N/mm^3 and as much stick slope, E = 1 N/mm^2, nu 0.3. With 8 and 12 elements along: 2.5214 and 2.4288 N pressed,
-// 0.31263 and 0.30513 N aside, which go on as squares of the element's size to 2.355 and 0.299 N. The deck
-// with 8 elements is made and solved by test/calculix_test.py, where ccx is installed. Pliant has to be as near as its own meshes are apart.
+// A sphere of 1 m is pressed 0.1 mm into a block of 40 x 40 x 20 mm on the ground, with friction 0.3. Moved aside by
+// 0.02 mm, it slips at the border and sticks inside (Mindlin). The reference is CalculiX 2.20 with C3D8I elements,
+// *STATIC without NLGEOM, E = 1 N/mm^2, nu 0.3. The sphere is a moved cap of C3D8 with surface-to-surface contact,
+// pressure-overclosure LINEAR with 50 N/mm^3 and the same stick slope. With 8 and 12 elements per edge it gives 2.5214
+// and 2.4288 N normal, 0.31263 and 0.30513 N tangential. Quadratic extrapolation gives 2.355 and 0.299 N.
+// test/calculix_test.py creates and solves the deck with 8 elements if ccx is installed. Pliant must be as near as its
+// own meshes are to each other.
 TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
 {
     const double pressed = 2.355, aside = 0.299, scale = young * 1e-6;
@@ -209,7 +214,8 @@ TEST(ContactSolver, SpherePressedAndMovedAsideAsCalculiX)
     }
 }
 
-// A plate on a bar that does not widen: F = E A d / h, evenly; what is fixed holds against it.
+// A plate on a bar with zero Poisson's ratio: F = E A d / h, uniformly distributed; the fixed end has the opposite
+// reaction.
 TEST(ContactSolver, PlateOnABarPressesEvenly)
 {
     for (pliant_method method : {PLIANT_FINE, PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_LOD})
@@ -229,11 +235,12 @@ TEST(ContactSolver, PlateOnABarPressesEvenly)
             double force[3], held[3];
             Toucher::force(block.data, force);
             block.reaction(held);
-            const bool exact = method == PLIANT_FINE || method == PLIANT_COARSE; // others are stiffer where they are fixed
+            // other methods are stiffer at the fixed end
+            const bool exact = method == PLIANT_FINE || method == PLIANT_COARSE;
             EXPECT_NEAR(-force[2], expected, (exact ? 1e-5 : 0.15) * expected) << "method " << method << ", preconditioner " << choice;
             for (int d = 0; d < 3 && exact; d++) EXPECT_NEAR(held[d], -force[d], 1e-5 * expected) << "method " << method;
             EXPECT_LT(block.data->statistics.penetration, 1e-7);
-            // let go, it is where it was
+            // after the release it returns to rest
             toucher.obstacles[0].move(0, 0, 2 * depth);
             ASSERT_EQ(toucher.settle(block.model, block.data), PLIANT_OK);
             EXPECT_EQ(block.data->statistics.contacts, 0);
@@ -244,7 +251,7 @@ TEST(ContactSolver, PlateOnABarPressesEvenly)
         }
 }
 
-// Pressed and moved aside: it sticks as a bar that is sheared, then slides, and the force stands at the edge of Coulomb's cone.
+// Pressed and moved aside, it sticks like a sheared bar, then slides with the force on Coulomb's cone.
 TEST(ContactSolver, SticksAndSlidesAtMu)
 {
     Block block(4, 4, 0.3);
@@ -273,7 +280,7 @@ TEST(ContactSolver, SticksAndSlidesAtMu)
     EXPECT_NEAR(pulled[14], friction, 0.01 * friction);
 }
 
-// A block on a soft foot between two jaws: by friction they lift it until the foot pulls at it with 2 mu N, then it slips.
+// Two jaws hold a block on a soft foot by friction and lift it until the foot pulls with 2 mu N; then it slips.
 TEST(ContactSolver, JawsLiftByFrictionAndSlip)
 {
     const double friction = 0.4;
@@ -311,7 +318,8 @@ TEST(ContactSolver, JawsLiftByFrictionAndSlip)
     }
 }
 
-// A tool's sphere that is pushed in at a slant: its wrench is what holds the block, and what the points and nodes tell.
+// A spherical tool is pushed in obliquely. Its wrench equals the reaction of the support, and the sum over contact
+// points and nodes.
 TEST(ContactSolver, WrenchOfAToolIsTheReaction)
 {
     Block block(8, 6, 0.3);
@@ -322,7 +330,7 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
     pliant_tool_shape shape{};
     shape.num_parts = 1;
     shape.part[0].kind = PLIANT_PART_SPHERE;
-    shape.part[0].from[2] = 0.01; // its tip is the sphere's lowest point
+    shape.part[0].from[2] = 0.01; // the tip is the sphere's lowest point
     shape.part[0].radius = 0.01;
     ASSERT_EQ(pliant_tool_add(block.model, data, "probe", &tool), PLIANT_OK);
     ASSERT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK) << pliant_last_error();
@@ -368,7 +376,8 @@ TEST(ContactSolver, WrenchOfAToolIsTheReaction)
     EXPECT_EQ(state.contact_force[2], 0);
 }
 
-// What holds the block, against the forces of elements on nodes that are free: homogenized elements have what is fixed within them. Of a patch by the fine elements, where they are.
+// Compute the reaction of the support from the elements' forces on free nodes, because homogenized elements contain
+// fixed nodes. For a patch, use the fine elements where they exist.
 void reaction_of(const Block &block, double out[3])
 {
     pliant_tled *tled = block.data->tled;
@@ -388,7 +397,8 @@ void reaction_of(const Block &block, double out[3])
             for (int d = 0; d < 3; d++) out[d] += static_cast<double>(tled->forces[tled->system->corner[c] + d * LANES]);
 }
 
-// The same of other elements, methods and solvers: at rest the force on a tool is what holds the block. A patch is in balance by its own shapes alone: 1.4 % apart.
+// Same for other elements, methods and solvers: at rest the force on a tool equals the reaction. A patch is in
+// equilibrium only with its own shape functions, so it differs by 1.4 %.
 TEST(ContactSolver, AToolsForceIsTheReactionByEveryMethod)
 {
     struct Row { const char *name; double bound; std::function<void(pliant_scene &)> set; int more; };
@@ -439,7 +449,8 @@ TEST(ContactSolver, AToolsForceIsTheReactionByEveryMethod)
     }
 }
 
-// A tool goes on pressing while the block under it is cut through: what is fixed holds the pieces, and the tool stays outside.
+// A tool continues to press while the block under it is cut through. The support holds the pieces, and the tool does
+// not penetrate.
 TEST(ContactSolver, GoesOnAfterACut)
 {
     Block block(8, 4, 0.3);
@@ -462,7 +473,8 @@ TEST(ContactSolver, GoesOnAfterACut)
         ASSERT_GE(pliant_step(block.model, data), 0) << pliant_last_error();
         pliant_tool_state state;
         ASSERT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
-        if (s == 7 || s == 8 || s == 14 || s == 15) force[s > 8] -= 0.5 * state.contact_force[2]; // two, as points move on their triangles
+        // mean of two steps, because contact points move on their triangles
+        if (s == 7 || s == 8 || s == 14 || s == 15) force[s > 8] -= 0.5 * state.contact_force[2];
         if (s == 8) {
             const double line[6] = {0.052, -0.01, 0.07, 0.052, 0.13, 0.07}, depth[3] = {0, 0, -0.045};
             pliant_cut_report report;
@@ -473,10 +485,10 @@ TEST(ContactSolver, GoesOnAfterACut)
     }
     EXPECT_GT(data->statistics.contacts, 3);
     EXPECT_GT(force[1], 0.3 * force[0]);
-    EXPECT_LT(force[1], 0.98 * force[0]); // what is cut gives way
+    EXPECT_LT(force[1], 0.98 * force[0]); // the cut tissue is softer
 }
 
-// The same input gives the same bits, with one thread or two.
+// The same input gives bitwise identical results with one or two threads.
 TEST(ContactSolver, SameBits)
 {
     std::vector<double> results[3];
@@ -502,7 +514,7 @@ TEST(ContactSolver, SameBits)
     EXPECT_EQ(results[0], results[2]);
 }
 
-// Every allocation that fails leaves the state as it was; then the step goes on as if nothing had been.
+// A failed allocation leaves the state unchanged, and the next step continues normally.
 TEST(ContactSolver, FailingAllocationsChangeNothing)
 {
     std::vector<double> results[2];
@@ -529,7 +541,8 @@ TEST(ContactSolver, FailingAllocationsChangeNothing)
     EXPECT_EQ(results[0], results[1]);
 }
 
-// A pad with corners that is pressed and drawn aside: where it lies flat, or an edge of it on a triangle, nothing hangs on rounding.
+// A pad with corners is pressed and dragged aside. With flat contact, or an edge on a triangle, the result must not
+// depend on rounding.
 struct Pad : Body {
     double at[3];
     int tool = -1;

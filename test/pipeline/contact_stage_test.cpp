@@ -1,4 +1,5 @@
-// The stage of a step that finds where instruments touch: whatever they do, nothing passes, nothing explodes, and it costs nothing where nothing can touch.
+// The stage of a step that detects contact with instruments: no tool passes through, nothing diverges, and it costs
+// nothing without possible contact.
 #include "pliant/memory.h"
 #include "sheet.h"
 #include "sim/step/contact.h"
@@ -9,8 +10,8 @@
 
 namespace {
 
-// Tissue ends half way up the highest cubes, where a plate meets it: nothing is felt before, and then what a mesh
-// feels whose cubes end there.
+// Tissue ends halfway up the highest cubes, where a plate meets it. Before contact there is no force; afterwards it
+// equals the force of a mesh whose cubes end there.
 TEST(ContactStage, ElementsAreTouchedWhereTheirTissueEnds)
 {
     const int size[3] = {16, 16, 16};
@@ -60,7 +61,8 @@ TEST(ContactStage, CostsNothingWhereNothingCanTouch)
     EXPECT_EQ(sheet.data->contacts.room, 0);
 }
 
-// Into the sheet at once, and out of it: what is more than half inside comes out on the other side or stays, as far as it was in, and no further.
+// Jump into the sheet and out of it. A node more than half inside leaves on the other side or stays; it moves no
+// farther than its penetration depth.
 TEST(ContactStage, AToolThatJumpsIntoTheTissueDoesNotExplode)
 {
     for (double z : {0.006, 0.003, 0.001}) {
@@ -82,12 +84,12 @@ TEST(ContactStage, AToolThatJumpsIntoTheTissueDoesNotExplode)
 TEST(ContactStage, AToolInTheTissueAtLoadIsLeftAndFeltFromOutside)
 {
     Sheet sheet;
-    const int tool = sheet.add("needle", rod(0.001, 0.02), 0.03, 0.03, 0.002); // wholly inside
+    const int tool = sheet.add("needle", rod(0.001, 0.02), 0.03, 0.03, 0.002); // completely inside
     for (int step = 0; step < 10; step++) {
         ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
         EXPECT_LT(sheet.farthest(), 0.002) << step;
     }
-    sheet.move(tool, 0.03, 0.03, 0.012); // out, without hindrance
+    sheet.move(tool, 0.03, 0.03, 0.012); // moves out without resistance
     for (int step = 0; step < 10; step++) ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
     EXPECT_LT(sheet.farthest(), 2e-4);
     sheet.move(tool, 0.03, 0.03, -0.004);
@@ -101,7 +103,7 @@ TEST(ContactStage, ASpinningToolStaysOutOfTheTissue)
     pliant_tool_shape paddle{};
     paddle.num_parts = 1;
     paddle.part[0] = {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {-0.012, -0.01, -0.001}, {0.012, 0.01, 0.001}, 0, false};
-    const int tool = sheet.add("paddle", paddle, 0.03, 0.03, 0.009); // its edge reaches 7 mm below the middle of the sheet
+    const int tool = sheet.add("paddle", paddle, 0.03, 0.03, 0.009); // its edge is 7 mm below the middle of the sheet
     double most = 0;
     for (int step = 0; step < 10; step++) {
         const double half = 0.5 * 2.1 * step, rotation[4] = {0, std::sin(half), 0, std::cos(half)};
@@ -136,7 +138,7 @@ TEST(ContactStage, WhatIsNotFiniteIsRefusedAndChangesNothing)
     EXPECT_NEAR(sheet.deepest(tool), 0, 1e-4);
 }
 
-// Eight instruments of six parts and more; the same points, in the same order, for every number of threads.
+// Eight instruments with six or more parts: the same points in the same order for every number of threads.
 TEST(ContactStage, EightToolsTouchAlikeForEveryNumberOfThreads)
 {
     std::vector<pliant_contact_point> first;
@@ -144,7 +146,7 @@ TEST(ContactStage, EightToolsTouchAlikeForEveryNumberOfThreads)
         Sheet sheet(threads);
         const char *const names[] = {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps",
                                      "fenestrated_bipolar_forceps", "permanent_cautery_hook", "probe", "camera"};
-        const double down[4] = {1, 0, 0, 0}; // z down
+        const double down[4] = {1, 0, 0, 0}; // z axis down
         for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
             pliant_tool_shape shape;
             ASSERT_EQ(pliant_tool_shape_find(names[t], &shape), PLIANT_OK);
@@ -189,11 +191,11 @@ TEST(ContactStage, WhatAToolHoldsItDoesNotPush)
     EXPECT_GT(sheet.data->contacts.count, 0);
 }
 
-// A bar that sags rests on a box, and on a plane, by its weight.
+// A sagging bar rests with its weight on a box, and on a plane.
 TEST(ContactStage, TissueRestsOnObstacles)
 {
     const std::string file = ::testing::TempDir() + "contact_stage_test.yaml";
-    for (const int kind : {0, 1, 2}) { // a box, a plane, and the box as a hull in a file
+    for (const int kind : {0, 1, 2}) { // a box, a plane, and the box as a hull from a file
         const bool plane = kind == 1;
         Sheet sheet;
         sheet.scene.model.gravity[2] = -9.81;
@@ -213,7 +215,8 @@ TEST(ContactStage, TissueRestsOnObstacles)
         double lowest = 0, force = 0;
         for (int32_t n = 0; n < sheet.model->body->fine.num_nodes; n++) {
             const double *x = sheet.data->positions + 3 * n;
-            if (plane || std::fabs(x[0] - 0.03) < 0.009) lowest = std::fmin(lowest, x[2]); // at its edges and beside it, the sheet hangs lower
+            // next to the box and at its edges, the sheet hangs lower
+            if (plane || std::fabs(x[0] - 0.03) < 0.009) lowest = std::fmin(lowest, x[2]);
         }
         for (int32_t n = 0; n < sheet.data->contacts.count; n++) {
             EXPECT_EQ(sheet.data->contacts.point[n].kind, PLIANT_OBSTACLE_GROUND);
@@ -222,7 +225,7 @@ TEST(ContactStage, TissueRestsOnObstacles)
         }
         EXPECT_GT(lowest, -0.00105) << plane;
         EXPECT_LT(lowest, -0.0009);
-        EXPECT_GT(force, 0.02); // of a weight of 0.14 N; the sides carry the rest
+        EXPECT_GT(force, 0.02); // part of a weight of 0.14 N; the fixed sides carry the rest
         EXPECT_LT(force, 0.14);
     }
     std::ofstream(file) << "parts: [{kind: mesh, file: none.stl}]\n";
@@ -233,7 +236,7 @@ TEST(ContactStage, TissueRestsOnObstacles)
     std::remove(file.c_str());
 }
 
-// What a ball presses with, it presses with as a hull of triangles and as their field, which are up to 0.05 mm less thick.
+// A ball, its hull of triangles and its distance field exert the same force; the latter two are up to 0.05 mm thinner.
 TEST(ContactStage, SolidsPressAsTheShapeThatTheyAre)
 {
     double force[3] = {0, 0, 0};
@@ -262,7 +265,8 @@ TEST(ContactStage, SolidsPressAsTheShapeThatTheyAre)
             pliant_contact_wrench(sheet.data, tool, total, torque);
             force[kind] = -total[2];
             pliant_data *copy = nullptr;
-            ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &copy), PLIANT_OK); // holds the solid, too
+            // the copy holds a reference to the solid, too
+            ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &copy), PLIANT_OK);
             pliant_data_free(copy);
         }
         EXPECT_EQ(pliant_memory_in_use(), before);
@@ -298,7 +302,7 @@ TEST(ContactStage, ForcesOfNodesAreAScalar)
     EXPECT_EQ(pliant_data_scalar(sheet.model, sheet.data->body, sheet.data->positions, PLIANT_SCALAR_CONTACT_FORCE, scalar.data()), PLIANT_ERROR_ARGUMENT);
 }
 
-// An allocation that fails leaves positions and points as they were; the next step goes on as if nothing had been.
+// A failed allocation leaves positions and contact points unchanged, and the next step continues normally.
 TEST(ContactStage, FailingAllocationsChangeNothing)
 {
     Sheet sheet, again;
@@ -326,7 +330,7 @@ TEST(ContactStage, FailingAllocationsChangeNothing)
     EXPECT_EQ(std::memcmp(sheet.data->positions, again.data->positions, 3 * static_cast<size_t>(sheet.model->body->fine.num_nodes) * sizeof(double)), 0);
 }
 
-// A copy goes on bit for bit, sides and motion of the tissue with it; a reset begins anew.
+// A copy continues bitwise identically, including contact sides and tissue motion; a reset restarts.
 TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
 {
     Sheet sheet;
@@ -364,7 +368,7 @@ TEST(ContactStage, ACopyGoesOnAndAResetBeginsAnew)
     ASSERT_EQ(second.size(), first.size());
 }
 
-// Of a ball, or a rod, that presses and sticks: what its forces do as it moves, against what the solver's own do.
+// Linearized force of a ball or rod that presses and sticks, compared with the solver's forces after a motion.
 TEST(ContactStage, StiffnessOfAToolThatPresses)
 {
     for (bool is_ball : {true, false}) {
@@ -397,9 +401,9 @@ TEST(ContactStage, StiffnessOfAToolThatPresses)
         }
         ASSERT_EQ(pliant_tool_linearize(sheet.data, tool, &linear), PLIANT_OK);
         ASSERT_FALSE(linear.by_secants);
-        sheet.move(tool, 0.03, 0.03, 0.01); // not yet: the wrench is of where it was in the step
+        sheet.move(tool, 0.03, 0.03, 0.01); // not used yet: the wrench belongs to the pose of the step
         ASSERT_EQ(pliant_tool_linearize(sheet.data, tool, &linear), PLIANT_OK);
-        EXPECT_NEAR(linear.tip[2], 0.006 - 0.0001 * 35, 1e-6); // of the proxy
+        EXPECT_NEAR(linear.tip[2], 0.006 - 0.0001 * 35, 1e-6); // pose of the proxy
         ASSERT_LT(linear.wrench[2], -0.005);
         double measured[6];
         for (int axis = is_ball ? 0 : 2; axis < (is_ball ? 3 : 4); axis++) {

@@ -1,5 +1,5 @@
-// Instruments' own shapes, found by the step's own search, against closed forms: Hertz, Sneddon, Coulomb. contact_solver_test has the same for points
-// that are given.
+// Instrument shapes with the step's own collision detection, against closed forms: Hertz, Sneddon, Coulomb.
+// contact_solver_test tests the same with given contact points.
 #include "half_space.h"
 #include "../solids.h"
 
@@ -24,11 +24,11 @@ int add_tool(Body &body, const char *name, const pliant_part &part)
 pliant_part box(double x0, double y0, double z0, double x1, double y1, double z1) { return {PLIANT_PART_BOX, PLIANT_FRAME_TIP, {x0, y0, z0}, {x1, y1, z1}, 0, false, nullptr}; }
 
 struct Force {
-    double by[3];           // in all
-    double presses, slides; // sums of the points' own, along their normals and across
+    double by[3];           // total force
+    double presses, slides; // sums over the points, along their normals and tangentially
 };
 
-// of a tool on the tissue, or of what stands still (-1)
+// Return the force of a tool on the tissue, or of an obstacle (-1).
 Force felt(const Body &body, int tool)
 {
     Force out{};
@@ -45,7 +45,8 @@ Force felt(const Body &body, int tool)
     return out;
 }
 
-// The mean of the last two of some steps with tools where they are: points at a flat tool's border come and go with every other step.
+// Return the mean of the last two steps with tools at rest, because points at the border of a flat tool alternate
+// between steps.
 Force press(Body &body, int tool, int steps = 8)
 {
     Force last{}, now{};
@@ -64,9 +65,10 @@ void place(Body &body, int tool, double x, double y, double z)
     ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
 }
 
-// Hertz (Johnson, Contact Mechanics, 4.22 to 4.24): F = 4/3 E* sqrt(R) d^1.5, E* = E / (1 - nu^2), and a = sqrt(R d) is the radius of what touches. Nodes come
-// to touch one ring after the other, so that a mesh's force is off by a part of h / a, up and down, h being the elements' size: measured 0.06 to 0.1 of it
-// with 2.2 to 7.2 elements in a. Four radii between two rings average that, and what is left falls with h: from 2.6 to 1.2 % (tetrahedra), from -2.1 to -0.2 %.
+// Hertz (Johnson, Contact Mechanics, 4.22 to 4.24): F = 4/3 E* sqrt(R) d^1.5, E* = E / (1 - nu^2), contact radius a =
+// sqrt(R d). Nodes come into contact ring by ring, so that the force error of a mesh oscillates. Its amplitude is 0.06
+// to 0.1 of h / a, measured with 2.2 to 7.2 elements of size h in a. The mean over four radii between two rings
+// decreases with h: from 2.6 to 1.2 % (tetrahedra), from -2.1 to -0.2 % (hexahedra).
 TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
 {
     const double radius = 1;
@@ -92,9 +94,9 @@ TEST(ContactTheory, ABallOnAHalfSpaceAsHertz)
     }
 }
 
-// F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). The pressure is infinite at the punch's border, which lies within elements. Edges of the surface that
-// cross the border do not enter the punch, so that they are pressed flat out to their next node: the radius that is pressed is at most one element size h larger, and the force
-// at most h / a.
+// F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). The pressure is infinite at the punch's border,
+// which lies within elements. Surface edges across the border do not enter the punch, so they are pressed flat out to
+// their next node. The effective radius is therefore at most one element size h larger, and the force at most h / a.
 TEST(ContactTheory, APunchOnAHalfSpaceAsSneddon)
 {
     const double depth = 2e-4, middle = 0.02;
@@ -128,8 +130,9 @@ TEST(ContactTheory, APunchOnAHalfSpaceAsSneddon)
     }
 }
 
-// Pressed by a flat box and moved aside: as far as it sticks, force is as the way is (the second millimetre adds what the first one did; the rest is of what turns);
-// then all slides, and by Coulomb's law it is mu N to rounding, whatever the mesh.
+// A flat box presses and moves aside. While it sticks, the force is proportional to the displacement: the second
+// millimetre adds as much as the first, up to the effect of rotation. Then all points slide, and by Coulomb's law the
+// force is mu N up to rounding on any mesh.
 TEST(ContactTheory, AFlatToolSticksAndSlidesAtMu)
 {
     const double friction = 0.3;
@@ -161,8 +164,8 @@ TEST(ContactTheory, AFlatToolSticksAndSlidesAtMu)
     }
 }
 
-// A shaft that lies on tissue and is drawn along its own axis: its surface stays where it is, and the tissue slides along it all the same. It feels mu N, N being what
-// presses along the points' own normals, around the shaft.
+// A shaft lies on tissue and is moved along its own axis. Its surface does not change, but the tissue must slide along
+// it. The force is mu N, where N is the sum along the points' normals around the shaft.
 TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
 {
     for (const double friction : {0.1, 0.3}) {
@@ -176,7 +179,7 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
             place(block, tool, block.edge / 2, 0.0553, block.height + radius - 0.002 * s);
             press(block, tool, 2);
         }
-        EXPECT_LT(std::fabs(felt(block, tool).by[0]), 0.02 * felt(block, tool).presses); // not drawn yet
+        EXPECT_LT(std::fabs(felt(block, tool).by[0]), 0.02 * felt(block, tool).presses); // not moved yet
         Force force{};
         double first = 0;
         for (int s = 0; s < 12; s++) {
@@ -191,8 +194,8 @@ TEST(ContactTheory, AShaftThatIsDrawnAlongItsAxisFeelsMuN)
     }
 }
 
-// A detached piece lies on a plane, and gravity turns aslant. Below tan = mu the piece stays, after the springs of friction have given way by 0.02 mm. Above, it
-// accelerates by g (sin - mu cos).
+// A detached piece lies on a plane, and gravity tilts. Below tan = mu the piece stays, after the friction springs have
+// yielded by 0.02 mm. Above, it accelerates by g (sin - mu cos).
 TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
 {
     const double friction = 0.3, g = 9.81, high = 0.03, box[3] = {0.015, 0.015, high};
@@ -235,7 +238,8 @@ TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
         }
 }
 
-// The same in explicit dynamics, of a cube that is soft: it leans, but as a whole it goes as its friction in all says; what still swings is a thousandth of that.
+// Same in explicit dynamics for a soft cube. It leans, but its centre moves according to the total friction; the
+// remaining oscillation is a thousandth of that.
 TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
 {
     const double friction = 0.4, edge = 0.04, g = 9.81, mass = 1000 * edge * edge * edge;
@@ -251,11 +255,11 @@ TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
             cube.scene.contact.friction = friction;
             cube.scene.model.gravity[2] = -g;
             cube.scene.ground.normal[2] = 1;
-            cube.scene.ground.point[2] = -10; // what falls is allowed
+            cube.scene.ground.point[2] = -10; // falling is permitted
             cube.scene.obstacles.planes[cube.scene.obstacles.num_planes++] = {{0, 0, 0}, {0, 0, 1}};
             ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
             press(cube, -1, 50);
-            for (int s = 1; s <= 50; s++) { /* leans little by little */
+            for (int s = 1; s <= 50; s++) { /* tilt gradually */
                 const double gravity[3] = {0.9 * friction * g * s / 50, 0, -g};
                 ASSERT_EQ(pliant_data_set_gravity(cube.data, gravity), PLIANT_OK);
                 press(cube, -1, 1);
@@ -265,7 +269,7 @@ TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
             const int apart = 10;
             double at[3], force[3] = {0, 0, 0};
             press(cube, -1, 25);
-            for (int s = 0; s < 3; s++) { /* of the centre, at three times */
+            for (int s = 0; s < 3; s++) { /* position of the centre at three times */
                 at[s] = 0;
                 for (int32_t n = 0; n < cube.model->body->fine.num_nodes; n++) at[s] += cube.data->body->node_mass[n] * cube.data->positions[3 * n] / mass;
                 for (int k = 0; k < apart && s < 2; k++) {
@@ -281,8 +285,9 @@ TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
         }
 }
 
-// Two boxes hold a block on a soft foot by friction, and lift it until the foot pulls at it with 2 mu N, then it slips. Along and across each point's own normal, as the
-// block bulges around the boxes' borders. Until then it goes along but for what its sides are sheared: 1 to 2 % as long as it sticks.
+// Two boxes hold a block on a soft foot by friction, and lift it until the foot pulls with 2 mu N; then it slips.
+// Forces are resolved along and across each point's normal, because the block bulges around the boxes' borders. While
+// it sticks, it follows the boxes except for the shear of its sides, 1 to 2 %.
 TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
 {
     const double friction = 0.4;
@@ -321,7 +326,8 @@ TEST(ContactTheory, TwoToolsLiftByFrictionAndSlip)
             if (s < 10) { EXPECT_NEAR(top() - first, step * s, 0.03 * step * s); }
         }
         ASSERT_LT(s, 24) << "it slips";
-        hold(5e-4, step * (s + 4), 1); // while all of it slides: at rest it presses elsewhere, and sticks
+        // measured while all points slide; at rest the force distribution changes and they stick
+        hold(5e-4, step * (s + 4), 1);
         for (const Force &force : {felt(block, left), felt(block, right)}) EXPECT_NEAR(force.slides, friction * force.presses, 1e-3 * friction * force.presses);
     }
 }

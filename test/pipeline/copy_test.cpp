@@ -1,4 +1,5 @@
-// A simulation is copied and gone back to: the same steps give the same bits, with holds, cuts, pieces that fall, and what has relaxed.
+// Copy and restore a simulation: the same steps give bitwise identical results, with grasps, cuts, detached pieces and
+// relaxed tissue.
 #include "body.h"
 #include "pliant/memory.h"
 #include "state/data.h"
@@ -31,7 +32,7 @@ void dynamics(pliant_scene &scene, bool quasi_static)
     scene.tled.prony_time[0] = 0.05;
 }
 
-// a bar that hangs from its top at z = 0.16
+// Create a bar that hangs from its top at z = 0.16.
 std::unique_ptr<Body> hang(const Case &of)
 {
     const int size[3] = {8, 8, 32};
@@ -61,7 +62,7 @@ void cut_at(const Body &body, pliant_data *data, double z)
     ASSERT_EQ(pliant_data_cut(body.model, data, 2, line, depth, nullptr), PLIANT_OK) << pliant_last_error();
 }
 
-// pulled, cut, with a piece that falls and another that hangs by the tool
+// Pull and cut, with one falling piece and one that hangs at the tool.
 void begin(const Body &body, pliant_data *data)
 {
     int tool = -1;
@@ -74,7 +75,7 @@ void begin(const Body &body, pliant_data *data)
     step(body, data, 2);
 }
 
-// what follows: the tool moves, another cut, and an undo of it
+// Continue: move the tool, cut again, and undo that cut.
 std::vector<double> go_on(const Body &body, pliant_data *data)
 {
     std::vector<double> seen;
@@ -115,7 +116,7 @@ TEST_P(Copies, GoOnAlikeAndCanBeGoneBackTo)
         EXPECT_EQ(std::vector<double>(data->positions, data->positions + was.size()), was);
         EXPECT_EQ(go_on(*body, data), once);
     }
-    // one that is never copied goes nearly the same way: what the solver has learned is all that begins anew
+    // a simulation that is never copied gives nearly the same result; only the solver's history restarts in a copy
     std::unique_ptr<Body> straight = hang(GetParam());
     begin(*straight, straight->data);
     go_on(*straight, straight->data);

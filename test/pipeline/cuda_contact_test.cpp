@@ -1,4 +1,5 @@
-// Contact on the GPU against the CPU's: tools that press and slide, tissue on tissue, blocks that fall. Skipped without a GPU.
+// Contact on the GPU against the CPU: tools that press and slide, contact between tissue surfaces, falling blocks.
+// Skipped without a GPU.
 #include "cuda_contacts.h"
 #include "fem/dynamics/tled.h"
 #include "fem/rigid/pieces.h"
@@ -18,8 +19,9 @@ namespace {
 
 using namespace cuda_contacts;
 
-// A step of each from the CPU's state, with the points that the CPU has found: where an edge or a face is touched hangs by a hair, and 1e-9 m in a tool's pose
-// make a difference of 3 % after ten steps on the CPU itself. Steps count that have one end.
+// Compute a step of each from the CPU's state with the CPU's contact points. The contact topology is sensitive: on the
+// CPU alone, a change of 1e-9 m in a tool's pose changes the result by 3 % after ten steps. Only steps with a unique
+// solution are compared.
 TEST(CudaContact, MeetsTheCpu)
 {
     NEEDS_GPU();
@@ -42,7 +44,7 @@ TEST(CudaContact, MeetsTheCpu)
             for (auto *body : {&again, &gpu, &cpu}) pliant_legs_arrive(body->data);
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
-            if (!settles || !there_too || !settles_again) continue; // what opens and closes in turns
+            if (!settles || !there_too || !settles_again) continue; // skip steps with alternating contact states
             const std::vector<double> here = forces_on_nodes(cpu.data), there = forces_on_nodes(gpu.data);
             if (apart_of(here, forces_on_nodes(again.data)) > one_end * most_of(here)) continue;
             compared += a.contacts > 0;
@@ -62,7 +64,7 @@ TEST(CudaContact, MeetsTheCpu)
         EXPECT_GT(force, 0.002);
         EXPECT_LT(apart, c.bound * force);
         EXPECT_LT(worst, 1e-8);
-        EXPECT_LE(unlike, 2); // of points that say the same, one may have no force
+        EXPECT_LE(unlike, 2); // of equivalent points, one may have no force
     }
 }
 
@@ -84,7 +86,7 @@ TEST(CudaContact, SameInputSameBits)
     }
 }
 
-// after contact it goes on as the CPU does, and a failure amid it leaves nothing behind
+// After contact the GPU run continues like the CPU run, and a failure during contact leaves no trace.
 TEST(CudaContact, LetsGoAndTheCpuGoesOn)
 {
     NEEDS_GPU();
@@ -112,7 +114,8 @@ TEST(CudaContact, LetsGoAndTheCpuGoesOn)
     }
 }
 
-// A rod of 1 mm at 1 m/s, 20 mm a step, carries a sheet of 4 mm along, with no more evaluations in a step than were asked for. Of a V-cycle with elements half as wide.
+// A rod of 1 mm at 1 m/s (20 mm per step) pushes a sheet of 4 mm, without exceeding the maximum number of evaluations
+// per step. With a V-cycle, elements are half as wide.
 TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
 {
     NEEDS_GPU();
@@ -138,7 +141,8 @@ TEST(CudaContact, AThinRodAtOneMetreASecondCarriesASheetAlong)
     }
 }
 
-// The same beside a piece that a cut has taken off, and while a patch serves a ball that presses a corner: the host has its part of such a step before it is looked through.
+// Same next to a detached piece, and while a patch serves a ball that presses a corner. The host does its part of the
+// step before contact detection.
 TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
 {
     for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA})
@@ -163,7 +167,8 @@ TEST(CudaContact, AThinRodCarriesASheetAlongBesideAPieceAndAPatch)
         }
 }
 
-// A sweep carries the sheet along with whatever budget there is: what a step does not get to is left to the next one. By a clock that stands still, so that no budget ends.
+// A sweep pushes the sheet with any budget; remaining motion is left to the next step. The simulated clock stands
+// still, so that no budget ends a step.
 TEST(CudaContact, ASweepIsCarriedAlongWithAnyBudget)
 {
     for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
@@ -185,7 +190,7 @@ TEST(CudaContact, ASweepIsCarriedAlongWithAnyBudget)
     }
 }
 
-// A tool that jumps passes nothing on its way, however it turns: that of another one is followed as if there were none.
+// A tool that jumps skips the tissue in between. Other tools are followed as if it did not exist, however it rotates.
 TEST(CudaContact, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
 {
     NEEDS_GPU();
@@ -207,7 +212,8 @@ TEST(CudaContact, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
     EXPECT_EQ(ended[0], ended[1]);
 }
 
-// A rod that turns about its end, from above the sheet into it, by more than can be followed at once: the second part begins where the first one has ended.
+// A rod rotates about its end from above the sheet into it, by more than one step can follow. The second part begins
+// where the first one has ended.
 TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
 {
     for (pliant_backend_choice backend : {PLIANT_CPU, PLIANT_CUDA}) {
@@ -233,7 +239,8 @@ TEST(CudaContact, ATurnOfMoreThanOneRadianIsTakenInParts)
     }
 }
 
-// Stresses are of single precision on a GPU: weight that is another by 6e-8 makes 1.5e-7 of forces and 7e-8 of the way on the CPU, and less in a relaxation.
+// Stresses are in single precision on a GPU. On the CPU, a relative change of 6e-8 in the weight changes forces by
+// 1.5e-7 and displacements by 7e-8, and less in a relaxation.
 TEST(CudaContact, ExplicitDynamicsMeetTheCpu)
 {
     NEEDS_GPU();
@@ -287,7 +294,8 @@ TEST(CudaContact, FindsWhatTheCpuFinds)
     std::normal_distribution<double> normal;
     Searches searches;
     int32_t most = 0;
-    for (int s = 0; s < 40; s++) { // blocks come down on each other, turn, and go through each other; nodes that are nowhere
+    // blocks move onto and through each other and rotate; some nodes have invalid positions
+    for (int s = 0; s < 40; s++) {
         std::vector<double> positions(body->fine.rest, body->fine.rest + 3 * body->fine.num_nodes);
         const double turn = 0.02 * s, noise = s % 4 == 3 ? 1e-3 : 0;
         for (int32_t n = 0; n < body->fine.num_nodes; n++) {
@@ -306,7 +314,8 @@ TEST(CudaContact, FindsWhatTheCpuFinds)
     EXPECT_GT(most, 50);
 }
 
-// What stands for the inverse is carried over a cut that is made while tools press; then one of the body itself is put to use; then the cut is undone.
+// The approximate inverse is carried over a cut made while tools press. Then the new body's own inverse is installed,
+// and the cut is undone.
 TEST(CudaContact, MeetsTheCpuAfterACut)
 {
     NEEDS_GPU();
@@ -353,13 +362,13 @@ TEST(CudaContact, MeetsTheCpuAfterACut)
         std::printf("cut: %-32s %2d steps, %d of them carried over, a node's force %.1e of %.2g N apart\n", cases[number].name, compared, carried, apart / force, force);
         EXPECT_GE(compared, 5);
         EXPECT_GE(carried, 1);
-        EXPECT_GT(gpu.data->statistics.factors, factors); // the body's own was put to use
+        EXPECT_GT(gpu.data->statistics.factors, factors); // the new body's own factor was installed
         EXPECT_GT(force, 0.002);
         EXPECT_LT(apart, 1e-6 * force);
     }
 }
 
-// how pieces go is the host's, too
+// Copy the motion of pieces, which the host computes.
 void take_over_pieces(const pliant_falling *from, pliant_falling *to)
 {
     const size_t count = static_cast<size_t>(from->body->pieces->count), nodes = static_cast<size_t>(from->body->pieces->start[count]);
@@ -402,12 +411,13 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
                 apart = std::fmax(apart, std::fabs(here[n] - there[n]));
             }
         }
-        double bears = 0, weight = 0, presses = 0; // of the run by itself
+        double bears = 0, weight = 0, presses = 0; // quantities of the independent run
         const pliant_pieces *pieces = alone.data->body->pieces;
         for (int32_t i = 0; i < pieces->start[1]; i++) weight += 9.81 * alone.data->body->node_mass[pieces->node[i]];
         for (int32_t c = 0; c < alone.data->contacts.count; c++) {
             const pliant_contact_point &point = alone.data->contacts.point[c];
-            if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.normal[2] < 0 ? point.force[2] : 0; // and not on what the piece was cut from, above the ball
+            // without the force on the remaining block above the ball
+            if (point.kind == PLIANT_OBSTACLE_TOOL) presses -= point.normal[2] < 0 ? point.force[2] : 0;
             else bears += std::fabs(point.force[2]);
         }
         std::printf("a piece %-32s %2d steps, a node's force %.1e of %.2g N apart, positions %.1e m; %.4f N is borne, its weight %.4f, pressed with %.4f\n",
@@ -421,7 +431,7 @@ TEST(CudaContact, PiecesThatTouchMeetTheCpu)
     }
 }
 
-// Eight tools press at once, one of which jumps, one spins, and one is told a pose that is none, which is refused.
+// Eight tools press at once. One jumps, one spins, and one gets an invalid pose, which is rejected.
 TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
 {
     NEEDS_GPU();
@@ -431,7 +441,8 @@ TEST(CudaContact, EightToolsOfWhichOneJumpsOneSpinsAndOneHasNoPose)
         for (Block *body : {&cpu, &gpu}) {
             if (s == 0) ASSERT_EQ(body->build(), PLIANT_OK) << pliant_last_error();
             for (int t = 0; t < PLIANT_MAX_TOOLS; t++) {
-                const double x = 0.0083 + 0.0137 * (t % 4), y = 0.0112 + 0.0171 * (t / 4), half = t == 5 ? 0.4 * s : 0; // from 1 mm above to 2 mm in
+                // from 1 mm above to 2 mm inside
+                const double x = 0.0083 + 0.0137 * (t % 4), y = 0.0112 + 0.0171 * (t / 4), half = t == 5 ? 0.4 * s : 0;
                 const double tip[3] = {t == 3 && s > 0 && s < 5 ? x + 0.3 : x, y, 5 * h + 0.005 - 3e-4 * (s + 1)}, none[3] = {x, NAN, 0}, turn[4] = {0, 0, std::sin(half), std::cos(half)};
                 if (s == 0) body->add(("tool" + std::to_string(t)).c_str(), t == 5 ? PLIANT_PART_CAPSULE : PLIANT_PART_SPHERE, 0.004, x, y);
                 if (t == 6 && s == 4) EXPECT_EQ(pliant_tool_set_pose(body->data, t, none, nullptr), PLIANT_ERROR_ARGUMENT);
@@ -476,7 +487,8 @@ TEST(CudaContact, JawsHoldAsOnTheCpu)
     EXPECT_NEAR(gpu.force(), cpu.force(), 0.05 * std::fabs(cpu.force()));
 }
 
-// [C] 5.2, of blocks that overlap as they fall on: with its delay on the GPU; without, overlaps are looked for in every sub-step, which is the CPU's.
+// The response of [C] 5.2 for blocks that overlap after a fall. With its delay it runs on the GPU; without it, overlaps
+// are detected in every sub-step, on the CPU.
 TEST(CudaContact, ThePapersResponseMeetsTheCpu)
 {
     NEEDS_GPU();
@@ -506,7 +518,8 @@ TEST(CudaContact, ThePapersResponseMeetsTheCpu)
     }
 }
 
-// Tetrahedra whose corners lie in few places (overlap_test): corners, edges and faces coincide, many are flat. The same pairs.
+// Tetrahedra whose corners are at few positions (overlap_test): corners, edges and faces coincide, and many are flat.
+// The pairs must be equal.
 TEST(CudaContact, FindsTheSameOverlapsOfTouchingAndFlatOnes)
 {
     NEEDS_GPU();
@@ -538,12 +551,12 @@ TEST(CudaContact, FindsTheSameOverlapsOfTouchingAndFlatOnes)
     EXPECT_GT(pairs, 1000);
 }
 
-// every kernel, in little time: for compute-sanitizer
+// runs every kernel in a short time, for compute-sanitizer
 TEST(CudaContact, EveryKernelOnce)
 {
     NEEDS_GPU();
     touch_once(cases[2]);
-    Block flat(cases[0], PLIANT_CUDA); // more points than the GPU finds the forces of
+    Block flat(cases[0], PLIANT_CUDA); // more points than the GPU computes forces for
     flat.cells(10, 7, 1, 1);
     flat.scene.solver.iterations = 2;
     ASSERT_EQ(flat.build(), PLIANT_OK) << pliant_last_error();
@@ -572,7 +585,7 @@ TEST(CudaContact, EveryKernelOnceOfTissueOnTissue)
     }
 }
 
-// what of theirs has kernels of its own, cuda_test goes through
+// kernels of other preconditioners; cuda_test covers the rest
 TEST(CudaContact, EveryKernelOnceOfOtherPreconditioners)
 {
     NEEDS_GPU();

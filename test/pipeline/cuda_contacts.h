@@ -1,4 +1,5 @@
-// What cuda_contact_test presses: a block under tools, a sheet under a rod, blocks that fall and what is cut off, on the CPU and on the GPU.
+// Bodies for cuda_contact_test: a block under tools, a sheet under a rod, falling blocks and detached pieces, on the
+// CPU and on the GPU.
 #ifndef PLIANT_TEST_CUDA_CONTACTS_H
 #define PLIANT_TEST_CUDA_CONTACTS_H
 
@@ -11,7 +12,7 @@
 
 namespace cuda_contacts {
 
-const double h = 0.005; // of an element [m]
+const double h = 0.005; // element size [m]
 
 inline pliant_tool_shape shape_of(pliant_part_kind kind, double size)
 {
@@ -28,10 +29,12 @@ struct Case {
     pliant_method method;
     int ratio;
     pliant_preconditioner_choice preconditioner;
-    bool spring, slot; // a tool pulls beside; a slot is closed
-    double bound;      // of a node's force, over the largest
+    bool spring, slot; // a second tool pulls with a spring; there is a slot that closes
+    double bound;      // maximum difference of a node's force relative to the maximum force
     pliant_element_kind element = PLIANT_LINEAR;
-    double friction = 0.3; // with that on hexahedra, one step has two ends: from other forces to begin with, the CPU does not come to its own
+    // with friction on hexahedra a step has two solutions: from other initial forces, the CPU does not reproduce its
+    // own result
+    double friction = 0.3;
 };
 
 const Case cases[] = {
@@ -44,10 +47,10 @@ const Case cases[] = {
     {"tissue on tissue, inverse", PLIANT_FINE, 1, PLIANT_DIRECT, false, true, 1e-6},
 };
 
-// 60 x 40 x 25 mm on what is fixed, with a slot that is open on one side, or without
+// A block of 60 x 40 x 25 mm on a fixed base, with or without a slot that is open on one side.
 struct Block : Body {
     const Case &c;
-    // small: of elements twice as large
+    // small: elements twice as large
     Block(const Case &of, pliant_backend_choice backend, bool small = false)
         : Body(std::vector<int>{24, 16, 10}.data(), std::vector<double>{12 * h, 8 * h, 5 * h}.data(), {{4000, 0.4, 1000, false}, {1, 0.3, 1, true}},
                [&of](int i, int, int k) { return of.slot && k / 2 == 2 && i >= 8; }),
@@ -79,7 +82,7 @@ struct Block : Body {
         const pliant_status status = build();
         return status == PLIANT_OK ? place() : status;
     }
-    // the tools above it
+    // Place the tools above the block.
     pliant_status place()
     {
         add("ball", PLIANT_PART_SPHERE, 0.006, 0.042, 0.0212);
@@ -101,7 +104,7 @@ struct Block : Body {
         move(s);
         return pliant_step(model, data);
     }
-    // presses, then slides
+    // Press, then slide.
     void move(int s)
     {
         const double down = c.slot ? 0.0012 : 0.0008, along = 0.0004;
@@ -130,7 +133,7 @@ inline double farthest(const double *a, const double *b, int32_t nodes)
     return most;
 }
 
-// What the CPU has found, and where it is now.
+// Copy the CPU's contact points and positions.
 inline void take_over(const pliant_data *from, const pliant_model *model, pliant_data *to)
 {
     const size_t count = static_cast<size_t>(from->contacts.count);
@@ -141,14 +144,14 @@ inline void take_over(const pliant_data *from, const pliant_model *model, pliant
     std::copy(from->contacts.point, from->contacts.point + count, to->contacts.point);
 }
 
-// The same, as if nothing had pressed yet: where points say nearly the same, friction has more than one end.
+// Copy them without the forces, because friction with nearly dependent points has several solutions.
 inline void take_over_places(const pliant_data *from, const pliant_model *model, pliant_data *to)
 {
     take_over(from, model, to);
     for (int32_t p = 0; p < to->contacts.count; p++) std::fill_n(to->contacts.point[p].force, 3, 0.0);
 }
 
-// on nodes, not of points: of those that say the same, each may have any part
+// Return the forces on nodes instead of points, because equivalent points may share a force arbitrarily.
 inline std::vector<double> forces_on_nodes(const pliant_data *data)
 {
     std::vector<double> forces(3 * static_cast<size_t>(data->body->fine.num_nodes));
@@ -170,9 +173,9 @@ inline double apart_of(const std::vector<double> &a, const std::vector<double> &
     return most;
 }
 
-// How far apart two runs are.
+// Differences between two runs.
 struct Apart {
-    double force = 0, forces = 0, positions = 0, moved = 0; // of what touches: the largest, and how far apart they are [N]; [m]
+    double force = 0, forces = 0, positions = 0, moved = 0; // contact forces: maximum and difference [N]; positions [m]
     void take(const Body &a, const Body &b)
     {
         const int32_t nodes = a.data->body->fine.num_nodes;
@@ -186,7 +189,9 @@ struct Apart {
     }
 };
 
-const double one_end = 1e-7; // of the largest force: so near the CPU comes to what it came to before, or there is nothing to compare with
+// relative to the maximum force: if the CPU does not reproduce its own result within this bound, there is no unique
+// reference
+const double one_end = 1e-7;
 
 inline pliant_status solve(const pliant_model *model, pliant_data *data)
 {
@@ -196,7 +201,7 @@ inline pliant_status solve(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-// 60 x 60 x 4 mm, held at two sides, that a rod comes down on by 20 mm a step, as far as 24 mm
+// A sheet of 60 x 60 x 4 mm, fixed at two sides, onto which a rod moves down by 20 mm per step to a depth of 24 mm.
 struct Sheet : Body {
     Sheet(pliant_backend_choice backend, pliant_preconditioner_choice preconditioner, int finer, int iterations)
         : Body(std::vector<int>{12 * finer, 12 * finer, 2 * finer}.data(), std::vector<double>{0.06, 0.06, 0.004}.data(), {{4000, 0.4, 1000, false}})
@@ -224,7 +229,7 @@ struct Sheet : Body {
         const pliant_status status = pliant_tool_add(model, data, "rod", &tool);
         return status == PLIANT_OK ? pliant_tool_set_shape(data, tool, &rod) : status;
     }
-    // a patch, or a piece that comes off
+    // Prepare a patch, or a detached piece.
     void expect(bool patch)
     {
         scene.cut.kind = patch ? PLIANT_CUT_NONE : PLIANT_CUT_SUBDIVIDE;
@@ -234,7 +239,7 @@ struct Sheet : Body {
         scene.warp.margin = 1;
         scene.solver.threads = 1;
     }
-    // the farthest that a node has gone that is of no piece [m]
+    // Return the maximum displacement of a node that belongs to no piece [m].
     double carried() const
     {
         double most = 0;
@@ -242,7 +247,7 @@ struct Sheet : Body {
             for (int d = 0; d < 3 && !pliant_falling_has(data->falling, n); d++) most = std::fmax(most, std::fabs(data->positions[3 * n + d] - data->body->fine.rest[3 * n + d]));
         return most;
     }
-    // a part of a side that is free, and far away then
+    // Cut off a part of a free side, far from the rod.
     void cut_off()
     {
         const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01}, down[3] = {0, 0, -0.02};
@@ -252,7 +257,7 @@ struct Sheet : Body {
         for (int32_t i = 0; i < data->body->pieces->start[1]; i++) positions[3 * data->body->pieces->node[i] + 1] -= 0.2;
         ASSERT_EQ(pliant_data_set_positions(model, data, positions.data()), PLIANT_OK) << pliant_last_error();
     }
-    // by a ball, until a patch serves that
+    // Press a corner with a ball until a patch serves it.
     void press_a_corner()
     {
         const int ball = add_ball(0.004);
@@ -273,7 +278,8 @@ struct Sheet : Body {
 };
 
 struct Fall : Body {
-    // blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them, over a floor that is an obstacle or a wall
+    // Blocks of 3 x 3 x 2 elements one above the other, separated by one empty element, over a floor that is an
+    // obstacle or a wall.
     Fall(int blocks, bool self, bool still, pliant_backend_choice backend)
         : Body(std::vector<int>{6, 6, 2 * (3 * blocks - 1)}.data(), std::vector<double>{0.03, 0.03, 0.01 * (3 * blocks - 1)}.data(),
                {{20e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [](int, int, int k) { return k / 2 % 3 == 2; })
@@ -294,7 +300,7 @@ struct Fall : Body {
             fix_plane(0, 0, 1e-6, 0, 0, 1);
         } else {
             scene.ground.normal[2] = 1;
-            scene.ground.point[2] = self ? 0 : -10; // what falls is allowed
+            scene.ground.point[2] = self ? 0 : -10; // falling is permitted
         }
         if (!still && !self) {
             scene.obstacles.num_planes = 1;
@@ -314,13 +320,15 @@ struct Fall : Body {
     pliant_status step(int s)
     {
         const double top = 0.01 * (data->body->fine.num_nodes > 64 ? 5 : 2), slow[3] = {0.0153, 0.0147 + 2e-4 * s, top + 0.008 - 3e-4 * s};
-        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)}, *tip = strikes ? fast : slow; // 0.9 m/s
+        // 0.9 m/s
+        const double fast[3] = {0.0153 + 1e-3 * s, 0.0147, top + 0.028 - 9e-3 * std::min(s, 3)}, *tip = strikes ? fast : slow;
         EXPECT_EQ(pliant_tool_set_pose(data, 0, tip, nullptr), PLIANT_OK);
         return pliant_step(model, data);
     }
 };
 
-// Where tissue touches tissue, by the CPU and by the GPU from the same positions: the same points, to the bit.
+// Contact detection between tissue surfaces on the CPU and on the GPU from the same positions; the points must be
+// bitwise identical.
 struct Searches {
     pliant_tissue of[2] = {};
     pliant_contacts found[2] = {};
@@ -334,7 +342,7 @@ struct Searches {
             pliant_free(found[k].point);
         }
     }
-    // how many points
+    // Return the number of points.
     int32_t compare(const pliant_body *body, const double *positions, const pliant_tissue_rule &rule)
     {
         for (int k = 0; k < 2; k++) {
@@ -356,7 +364,8 @@ struct Searches {
     }
 };
 
-// A block stands on a plate, another hangs 10 mm above it; what is cut off the upper one falls on the lower one, or on the ground, where a ball presses it.
+// A block stands on a plate, another one hangs 10 mm above it. A piece cut off the upper block falls onto the lower
+// block, or on the ground, where a ball presses it.
 struct Drop : Body {
     explicit Drop(bool pressed, pliant_backend_choice backend)
         : Body(std::vector<int>{6, 6, 24}.data(), std::vector<double>{0.015, 0.015, 0.06}.data(), {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}},
@@ -388,7 +397,7 @@ struct Drop : Body {
         if (status == PLIANT_OK && presses) status = pliant_tool_add(model, data, "ball", &tool);
         return status == PLIANT_OK && presses ? pliant_tool_set_shape(data, tool, &ball) : status;
     }
-    // lands, and is pressed then
+    // Let it land, then press it.
     void move(int s)
     {
         const double tip[3] = {0.0078, 0.0073, 0.040 - 0.00025 * std::max(0, std::min(s - 20, 20))};
@@ -397,7 +406,7 @@ struct Drop : Body {
     const bool presses;
 };
 
-// What a block is pressed and cut by, on a GPU.
+// Press and cut a block on a GPU.
 inline void touch_once(const Case &of)
 {
     SCOPED_TRACE(of.name);
@@ -409,7 +418,8 @@ inline void touch_once(const Case &of)
     EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
     EXPECT_GT(body.data->statistics.contacts, of.slot ? 0 : 3);
     if (of.slot) return;
-    const double points[6] = {0.031, -0.01, 0.03, 0.033, 0.05, 0.03}, depth[3] = {0.001, 0, -0.019}; // columns of what is carried over
+    // exercises the columns that are carried over
+    const double points[6] = {0.031, -0.01, 0.03, 0.033, 0.05, 0.03}, depth[3] = {0.001, 0, -0.019};
     ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
     ASSERT_GE(body.step(4), 0) << pliant_last_error();
     EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();

@@ -1,4 +1,5 @@
-// A simulation on the GPU that is cut, against the CPU's: the same topology, positions and volume from there on. Skipped without a GPU.
+// Cuts in a simulation on the GPU against the CPU: equal topology, positions and volume from the cut on. Skipped
+// without a GPU.
 #include "body.h"
 #include "cuda_warps.h"
 #include "fragments.h"
@@ -49,7 +50,7 @@ double farthest(const Body &a, const Body &b)
     return most;
 }
 
-// down from the top, two thirds of the way, along a slanted plane
+// Cut down from the top through two thirds of the height, along a slanted plane.
 void cut(Body &body, pliant_cut_report *report)
 {
     const double points[6] = {0.041, -0.02, 0.14, 0.063, 0.14, 0.14}, depth[3] = {0.004, 0, -0.09};
@@ -108,14 +109,14 @@ TEST(CudaCut, MeetsTheCpu)
             ASSERT_STREQ(pliant_data_get_backend(gpu.data), "cuda") << pliant_last_error();
             EXPECT_LT(farthest(cpu, gpu), (c.kind == PLIANT_TLED ? 1e-4 : 1e-5) * box[0]) << "step " << s;
         }
-        // the volume that was handed over on the GPU is that of the same positions on the CPU
+        // the volume that stayed on the GPU equals the CPU's volume for the same positions
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_set_body(warp, gpu.data->body), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
         EXPECT_EQ(std::memcmp(pliant_warp_volume(warp)->voxels, pliant_warp_volume(pliant_data_get_warp(gpu.data))->voxels, 24 * 24 * 24), 0);
         pliant_warp_free(warp);
-        // and back
+        // undo the cut
         ASSERT_EQ(pliant_data_undo_cut(gpu.model, gpu.data), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
         pull(gpu, 12);
@@ -123,8 +124,8 @@ TEST(CudaCut, MeetsTheCpu)
     }
 }
 
-// One cut after the other, the next one also while a preconditioner is being made for the body before: what is carried over serves, and what is
-// made in the background is put to use.
+// Successive cuts, the next one possibly while a preconditioner of the previous body is computed. The carried-over
+// preconditioner works, and background results are installed.
 TEST(CudaCut, CutsOneAfterTheOther)
 {
     NEEDS_GPU();
@@ -143,7 +144,7 @@ TEST(CudaCut, CutsOneAfterTheOther)
         double carried = 0, renewed = 0;
         for (int s = 1; s < 20; s++) {
             const bool cuts = s == 1 || s == 2 || s == 8 || s == 14 || s == 15;
-            // flaps are thick: a thin one snaps over, and where it lands is nobody's answer to compare with
+            // thick flaps, because a thin one snaps over and has no unique equilibrium
             const double x = 0.02 + 0.003 * s + (s == 2 || s == 15 ? 0.015 : 0), points[6] = {x, -0.02, 0.14, x + 0.01, 0.14, 0.14}, depth[3] = {0.004, 0, -0.02 - 0.0025 * s};
             for (Body *body : {&cpu, &gpu}) {
                 if (cuts) ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
@@ -155,16 +156,17 @@ TEST(CudaCut, CutsOneAfterTheOther)
             EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]) << "step " << s;
             (cuts ? carried : renewed) = gpu.data->statistics.iterations;
         }
-        EXPECT_GE(gpu.data->statistics.factors, before + 3); // two of the cuts come while one is being made
+        EXPECT_GE(gpu.data->statistics.factors, before + 3); // two of the cuts occur during a factorization
         EXPECT_GT(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes + 50);
-        // an old inverse, mended about the cut, takes some evaluations more, not many times as many
+        // a carried-over inverse needs some more evaluations, but not many times more
         EXPECT_LT(carried, 5 * renewed + 10);
         ASSERT_EQ(pliant_data_reset(gpu.model, gpu.data), PLIANT_OK);
         EXPECT_EQ(gpu.data->body->fine.num_nodes, gpu.model->body->fine.num_nodes);
     }
 }
 
-// As adapt_test's FirstStep: a bar that sags is cut half through at once, and the first frame is near where it then hangs.
+// As adapt_test's FirstStep: a sagging bar is cut half through in one step, and the first frame is near the new
+// equilibrium.
 TEST(CudaCut, TheFirstFrameAfterItIsNear)
 {
     NEEDS_GPU();
@@ -211,7 +213,7 @@ TEST(CudaCut, TheFirstFrameAfterItIsNear)
     }
 }
 
-// a GPU that is lost after a cut: what the host had not made, since it did not step, is made then
+// If a GPU is lost after a cut, the host's missing data are computed then.
 TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
 {
     NEEDS_GPU();
@@ -232,7 +234,7 @@ TEST(CudaCut, TheCpuGoesOnWithTheCutBody)
     }
 }
 
-// what comes off is moved by the host, beside solvers without inertia, and stops out of sight
+// The host moves detached pieces, next to solvers without inertia. They stop once they are out of sight.
 TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
 {
     NEEDS_GPU();
@@ -246,7 +248,7 @@ TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
         for (Body *body : {&cpu, &gpu}) {
             body->scene.tled.quasi_static = c.quasi_static;
             body->scene.warp.margin = 0.06;
-            body->scene.ground.box_high[0] = 0.2; // beside it
+            body->scene.ground.box_high[0] = 0.2; // the ground ends next to it
             prepare(*body, Case{c.method, c.kind, c.preconditioner, PLIANT_LINEAR, c.cut}, body == &cpu ? PLIANT_CPU : PLIANT_CUDA);
             const double sideways[3] = {6, 0, 8}, points[6] = {-0.02, -0.02, 0.063, 0.14, -0.02, 0.071}, depth[3] = {0, 0.2, 0};
             ASSERT_EQ(pliant_data_set_gravity(body->data, sideways), PLIANT_OK);
@@ -278,8 +280,8 @@ TEST(CudaCut, WhatComesOffFallsAsOnTheCpu)
     }
 }
 
-/* A beam, clamped at one end, that a slanted plane cuts half through or to a hinge: the V-cycle of what is left, once it is there, takes not many more evaluations to come to
- * rest under another load than before the cut, and than the CPU's. */
+/* A slanted plane cuts a clamped beam halfway or down to a hinge. The new V-cycle of the fragments needs not many more
+ * evaluations under another load than before the cut, and than on the CPU. */
 TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
 {
     NEEDS_GPU();
@@ -288,7 +290,7 @@ TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
     for (pliant_element_kind element : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
         for (double deep : {0.045, 0.065}) {
             SCOPED_TRACE(std::to_string(element) + " " + std::to_string(deep));
-            int taken[2][2] = {{0, 0}, {0, 0}}; // before and after, of CPU and GPU
+            int taken[2][2] = {{0, 0}, {0, 0}}; // evaluations before and after the cut, on CPU and GPU
             std::unique_ptr<Body> bodies[2];
             for (int g = 0; g < 2; g++) {
                 bodies[g].reset(new Body(few, beam, {{5000, 0.4, 1000, false}, {20000, 0.4, 1000, false}}, [](int i, int j, int k) { return (i / 6 + j / 5 + k / 4) % 2; }));
@@ -319,12 +321,13 @@ TEST(CudaCut, AVCycleOnFragmentsServesAsBeforeTheCut)
             EXPECT_LT(farthest(*bodies[0], *bodies[1]), 1e-5 * beam[0]);
             std::printf("%s, cut %.0f mm deep: evaluations under three loads before the cut %d, after it %d on the CPU, %d and %d on the GPU\n", element == PLIANT_LINEAR ? "tetrahedra" : "hexahedra",
                         1e3 * deep, taken[0][0], taken[1][0], taken[0][1], taken[1][1]);
-            EXPECT_LT(taken[1][1], 1.8 * taken[1][0] + 10); // with the cut still closed on the levels above up to 2.5 times
+            // up to 2.5 times if the coarser levels do not contain the cut
+            EXPECT_LT(taken[1][1], 1.8 * taken[1][0] + 10);
         }
 }
 
-// A bar of 16 cubes leans over under its weight; a cut half through lets it down further than what Newton's step is trusted with, and is undone; then its
-// upper half comes off. For compute-sanitizer: every kernel that what is cut has for itself, in little time.
+// A bar of 16 cubes leans under its weight. A cut half through exceeds the range of Newton's step and is undone; then
+// its upper half detaches. For compute-sanitizer: runs every kernel specific to cuts in a short time.
 void cut_once(const Case &c)
 {
     const int few[3] = {8, 8, 16};
@@ -338,7 +341,7 @@ void cut_once(const Case &c)
     body.cells(2 / ratio, 2 / ratio, 4 / ratio, ratio);
     body.scene.solver.iterations = 6;
     body.scene.solver.refresh_delay = 1;
-    body.scene.model.gravity[0] = 0.4; // so soft a bar would sag out of the stroke's way
+    body.scene.model.gravity[0] = 0.4; // a soft bar would sag out of the stroke's path
     body.scene.tled.quasi_static = false;
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
@@ -355,7 +358,7 @@ void cut_once(const Case &c)
     const uint64_t before = body.data->statistics.factors;
     ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, half, across, nullptr), PLIANT_OK) << pliant_last_error();
     ASSERT_GT(body.data->body->fine.num_nodes, body.model->body->fine.num_nodes);
-    steps(4); // the third takes what is made for it
+    steps(4); // the third step installs the new preconditioner
     if (c.kind == PLIANT_COROTATIONAL) EXPECT_GT(body.data->statistics.factors, before);
     ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
     pliant_tool_release(body.data, tool);
@@ -374,7 +377,7 @@ TEST(CudaCut, EveryKernelOnce)
         cut_once(c);
 }
 
-// what of theirs has kernels of its own, cuda_test and the cases above go through
+// kernels of other engines; cuda_test and the cases above cover the rest
 TEST(CudaCut, EveryKernelOnceOfOtherEngines)
 {
     NEEDS_GPU();

@@ -1,5 +1,6 @@
-// Every engine cut by a blade through the steps' own stage, on a GPU and on the CPU: the same topology to the bit, the same positions, also once the cuts are
-// undone; and the same bits on a GPU again, planned or live, which is what a recording is played back by. Skipped without a GPU.
+// Every engine cut by a blade within steps, on a GPU and on the CPU: bitwise identical topology, equal positions, also
+// after undoing the cuts. Repeated GPU runs are bitwise identical, planned or live, as a replay requires. Skipped
+// without a GPU.
 #include "adapt_cases.h"
 #include "cuda_warps.h"
 #include "pliant/cut.h"
@@ -9,7 +10,7 @@
 namespace {
 
 const Case bone{"bone", [](pliant_scene &scene) { scene.mesh.bone_surface = true; }};
-// beside what is fixed within a coarse cube, fine elements that keep their axes
+// next to fixed voxels within a coarse cube, fine elements keep their axes
 const Case hexahedra_on_bone{"coarse_hexahedra_on_bone", [](pliant_scene &scene) {
                                  coarse_hexahedra.set(scene);
                                  scene.mesh.bone_surface = true;
@@ -27,7 +28,8 @@ const Case octree_dynamic{"tled_octree", [](pliant_scene &scene) {
 
 std::string name_of(const testing::TestParamInfo<Case> &info) { return info.param.name; }
 
-// A block that hangs from its floor and is pulled in two places; a blade goes down through it twice. The CPU and GPUs share its model.
+// A block hangs from its floor and is pulled at two points; a blade cuts down through it twice. CPU and GPU share its
+// model.
 struct Runs {
     std::unique_ptr<Body> body;
     std::vector<pliant_data *> data;
@@ -103,7 +105,7 @@ void step_of(Body &run, int s)
     ASSERT_GE(pliant_step(run.model, run.data), 0) << pliant_last_error();
 }
 
-// largest distances of two runs' nodes, and how far the first one's have gone [m]
+// Return the maximum distance between nodes of two runs along an axis [m].
 double apart(const pliant_data *a, const pliant_data *b)
 {
     double most = 0;
@@ -117,7 +119,7 @@ double moved(const pliant_data *a)
     return most;
 }
 
-// of a cut that subdivides, nodes lie where the blade has met edges, which rounding moves
+// in a subdividing cut, new nodes lie where the blade intersects edges, which depends on rounding
 bool same_topology(const pliant_body *a, const pliant_body *b, pliant_cut_kind kind)
 {
     if (kind == PLIANT_CUT_SEVER) return pliant_body_same(a, b);
@@ -126,8 +128,9 @@ bool same_topology(const pliant_body *a, const pliant_body *b, pliant_cut_kind k
            std::memcmp(a->triangles, b->triangles, 3 * sizeof *a->triangles * static_cast<size_t>(a->num_triangles)) == 0;
 }
 
-/* Of how far nodes go, and of the largest force. Solved to 1e-9, runs of the CPU alone that go to 1e-10 are up to 1.2e-9 off. Explicit dynamics find stresses in single
- * precision on a GPU: weight that is another by 6e-8 moves nodes by 4e-8 on the CPU, and forces by 2e-7. */
+/* Bounds relative to the maximum displacement and force. Solved to 1e-9, runs on the CPU alone differ from runs to
+ * 1e-10 by up to 1.2e-9. In explicit dynamics, stresses on a GPU are in single precision. On the CPU, a relative change
+ * of 6e-8 in the weight moves nodes by 4e-8 and changes forces by 2e-7. */
 struct Bounds { double positions, forces; };
 Bounds bounds_of(const pliant_scene &scene)
 {
@@ -144,7 +147,8 @@ TEST_P(EveryEngine, IsCutAsOnTheCpu)
     const pliant_body *load = runs.body->model->body;
     const pliant_scene &scene = runs.body->scene;
     double worst = 0, far = 0, force = 0, forces = 0;
-    int32_t most = 0, patched = 0, evaluations[2][2] = {{0, 0}, {0, 0}}; // with cuts, and as they are undone; of CPU and GPU
+    // with cuts, and while they are undone; on CPU and GPU
+    int32_t most = 0, patched = 0, evaluations[2][2] = {{0, 0}, {0, 0}};
     uint32_t taken = 0;
     for (int s = 0; s < STEPS; s++) {
         SCOPED_TRACE(s);
@@ -179,7 +183,7 @@ INSTANTIATE_TEST_SUITE_P(Cuda, EveryEngine,
                                          octree_hexahedra, bone, hexahedra_on_bone, tough, subdivided, dynamic, cubes, octree_dynamic, subdivided_dynamic, relaxed),
                          name_of);
 
-// A step of two runs, the first of which waits for nothing; the second one takes what that one took.
+// Compute a step of two runs. The first one does not wait; the second one uses the same background results.
 template <class Step> void live_and_again(Runs &runs, const Step &step, uint32_t *taken)
 {
     for (size_t run = 0; run < 2; run++) {
@@ -192,7 +196,7 @@ template <class Step> void live_and_again(Runs &runs, const Step &step, uint32_t
     ASSERT_EQ(state(runs.of(0)), state(runs.of(1)));
 }
 
-// What a run took that waited for nothing makes the same bits again, as a recording is played back.
+// The background results of a run without waiting give bitwise identical results in a replay.
 struct EveryRecording : testing::TestWithParam<Case> {};
 TEST_P(EveryRecording, IsPlayedBackToTheBit)
 {
@@ -203,7 +207,7 @@ TEST_P(EveryRecording, IsPlayedBackToTheBit)
     for (int s = 0; s < STEPS; s++) {
         SCOPED_TRACE(s);
         live_and_again(runs, [s](Body &run) { step_of(run, s); }, &taken);
-        // between two strokes, as long as the inverse takes
+        // between two strokes, wait until the inverse is ready
         while (s == SECOND - 1 && !(taken & PLIANT_TAKES_FACTOR) && !HasFatalFailure() && std::chrono::steady_clock::now() < until) {
             std::this_thread::sleep_for(std::chrono::milliseconds(5));
             live_and_again(runs, [](Body &run) { ASSERT_GE(pliant_step(run.model, run.data), 0) << pliant_last_error(); }, &taken);

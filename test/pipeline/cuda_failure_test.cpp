@@ -1,5 +1,5 @@
-// Every call of the CUDA runtime fails once, as a lost device does: the run goes on, on the CPU if need be, to the same end, and that is told once. Skipped
-// without a GPU.
+// Every call of the CUDA runtime fails once, as on a lost device. The run continues, on the CPU if necessary, to the
+// same result, and logs this once. Skipped without a GPU.
 #include "cuda_bodies.h"
 #include "cuda_contacts.h"
 #include "cuda_warps.h"
@@ -9,7 +9,7 @@
 
 namespace {
 
-// What is told of a GPU that a simulation goes on without.
+// Log messages about a GPU that a simulation no longer uses.
 struct Told {
     int count = 0;
     std::string last;
@@ -45,7 +45,7 @@ void drop_data(Body &body)
     body.data = nullptr;
 }
 
-// Of later calls, of which there are many alike, only some fail.
+// Among many similar later calls, only some fail.
 int64_t next_to_fail(int64_t call, int stride) { return call + stride + call / 40; }
 
 /* ---- whole runs; patch: radius, or 0 */
@@ -99,12 +99,12 @@ TEST(CudaFailure, TheCpuGoesOnWithPatches)
     fail_every_call({PLIANT_AVERAGED, PLIANT_DRIVE_SPRING, 0, 0, 1, PLIANT_DIRECT}, 0.03, 3);
 }
 
-/* ---- amid a cut, what is made in the background for it, and its undoing */
+/* ---- during a cut, its background work, and its undo */
 
 const double bar_box[3] = {0.06, 0.06, 0.12};
 enum { CUT = 2, UNDO = 7, STEPS = 9 };
 
-// 16 cubes, or two coarse ones
+// A bar of 16 cubes, or two coarse ones.
 struct Bar : Body {
     Bar(pliant_method method, pliant_preconditioner_choice preconditioner, pliant_backend_choice backend)
         : Body(std::vector<int>{8, 8, 16}.data(), bar_box, {{20000, 0.4, 1000, false}, {60000, 0.4, 1100, false}}, [](int i, int, int k) { return i < 4 && k > 5; })
@@ -124,7 +124,8 @@ struct Bar : Body {
     {
         int tool;
         const double from[3] = {0.03, 0.03, 0.11}, tip[3] = {from[0] + 0.0005 * s, from[1], from[2] + 0.00025 * s};
-        const double edge[6] = {-0.02, -0.01, 0.043, 0.08, -0.01, 0.047}, depth[3] = {0, 0.035, 0.002}; // deeper, the step after its undoing has no one end
+        // a deeper cut has no unique solution after the undo
+        const double edge[6] = {-0.02, -0.01, 0.043, 0.08, -0.01, 0.047}, depth[3] = {0, 0.035, 0.002};
         ASSERT_EQ(pliant_tool_add(model, data, "t", &tool), PLIANT_OK);
         if (s == 0) {
             ASSERT_EQ(pliant_tool_set_pose(data, tool, from, nullptr), PLIANT_OK);
@@ -177,7 +178,7 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
             EXPECT_EQ(told.count, is_on_cpu(body)) << told.last;
             EXPECT_TRUE(draws_what_the_cpu_draws(body)) << told.last;
             given_up += is_on_cpu(body);
-            if (left >= 0) { // and what is made for it is put to use where nothing fails
+            if (left >= 0) { // without a failure, the background result is installed
                 EXPECT_FALSE(is_on_cpu(body)) << told.last;
                 EXPECT_GT(factors, 0u);
             }
@@ -187,12 +188,12 @@ TEST(CudaFailure, AmidACutAndWhatIsMadeForIt)
     }
 }
 
-/* ---- amid contact */
+/* ---- during contact */
 
 TEST(CudaFailure, AmidContact)
 {
     NEEDS_GPU();
-    // without friction there is one end, wherever it is looked for
+    // without friction the solution is unique
     const cuda_contacts::Case cases[] = {{"inverse", PLIANT_FINE, 1, PLIANT_DIRECT, true, false, 0, PLIANT_LINEAR, 0}, {"V-cycle", PLIANT_FINE, 1, PLIANT_MULTIGRID, false, false, 0, PLIANT_LINEAR, 0}};
     for (const cuda_contacts::Case &c : cases) {
         SCOPED_TRACE(c.name);
@@ -200,8 +201,9 @@ TEST(CudaFailure, AmidContact)
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         drop_data(body);
         Told told;
-        std::vector<double> there[2]; // where the CPU comes to from the first call on
-        // in the second step an edge is found or not by a hair: 1e-9 m in a node's place make 2e-7 m on the CPU itself
+        std::vector<double> there[2]; // result of the CPU if it runs from the first call on
+        // in the second step, detection of an edge is sensitive: 1e-9 m in a node's position changes the CPU's result
+        // by 2e-7 m
         const double bound[2] = {1e-5 * 12 * cuda_contacts::h, 1e-4 * 12 * cuda_contacts::h};
         int given_up = 0;
         for (int64_t calls = 0, left = -1; left < 0; calls = next_to_fail(calls, c.spring ? 1 : 3)) {
@@ -229,7 +231,8 @@ TEST(CudaFailure, AmidContact)
     }
 }
 
-// Steps in legs: wherever a call fails the CPU goes on with the leg, and the rod carries the sheet along as it does from the first call on.
+// Steps with several legs: after a failure of any call, the CPU continues the leg, and the rod pushes the sheet as it
+// does from the first call on.
 TEST(CudaFailure, AmidLegsOfASweep)
 {
     NEEDS_GPU();
@@ -263,7 +266,7 @@ TEST(CudaFailure, AmidLegsOfASweep)
     }
 }
 
-/* ---- from the start */
+/* ---- during creation */
 
 TEST(CudaFailure, AskedForExplicitlyItIsAnError)
 {
@@ -276,7 +279,7 @@ TEST(CudaFailure, AskedForExplicitlyItIsAnError)
     pliant_cuda_fail_after(-1);
     EXPECT_NE(std::string(pliant_last_error()).find("solver/backend"), std::string::npos) << pliant_last_error();
     size_t before = pliant_memory_in_use();
-    for (int calls = 1; calls < 60; calls++) { // half-made states are given back
+    for (int calls = 1; calls < 60; calls++) { // incomplete states are freed
         pliant_data *data = nullptr;
         pliant_cuda_fail_after(calls);
         if (pliant_data_create(body.model, &data) == PLIANT_OK) pliant_data_free(data);

@@ -1,4 +1,4 @@
-// The fit on the GPU: the CPU's voxels, bit for bit. Skipped without a GPU.
+// The moving-least-squares fit on the GPU: voxels bitwise identical to the CPU's. Skipped without a GPU.
 #include "body.h"
 #include "cuda_warps.h"
 #include "cut_cases.h"
@@ -63,7 +63,8 @@ TEST(CudaFit, OtherTargetsEqualToo)
     }
 }
 
-// What is near a cut is drawn by its own elements, what lies further by the fit; crowded: more elements in a brick than the usual kernel names
+// Near a cut, elements are drawn by their own maps; elsewhere by the fit.
+// crowded: a brick has more elements than the usual kernel can index
 TEST(CudaFit, WhatIsCutEqualsToo)
 {
     NEEDS_GPU();
@@ -87,7 +88,7 @@ TEST(CudaFit, WhatIsCutEqualsToo)
                 set_and_compare(fits, none, apart, "healed");
                 set_and_compare(fits, whole, apart, "again");
             }
-            if (!crowded) { // some are drawn by their own maps, some partly, some by the fit alone
+            if (!crowded) { // some are drawn by their own maps, some are blended, some use the fit alone
                 const fit_view *view = pliant_fit_parts(fits.cpu->fit);
                 int by[5] = {0, 0, 0, 0, 0};
                 for (int32_t e = 0; e < view->num_elements; e++) by[view->zone[e]]++;
@@ -99,7 +100,7 @@ TEST(CudaFit, WhatIsCutEqualsToo)
 void fit_once(pliant_encoding encoding)
 {
     SCOPED_TRACE(encoding);
-    for (int32_t n : {2, 4}) { // the latter: more elements in a brick than the usual kernel names
+    for (int32_t n : {2, 4}) { // with 4, a brick has more elements than the usual kernel can index
         SCOPED_TRACE(n);
         const int32_t cells[3] = {n, n, n};
         const pliant_geometry geometry = geometry_of(16, 15, 14), target = geometry_of(19, 15, 14);
@@ -111,7 +112,7 @@ void fit_once(pliant_encoding encoding)
     }
 }
 
-// every kernel, in little time: for compute-sanitizer
+// runs every kernel in a short time, for compute-sanitizer
 TEST(CudaFit, EveryKernelOnce)
 {
     NEEDS_GPU();
@@ -124,7 +125,7 @@ TEST(CudaFit, EveryKernelOnceOfOtherEncodings)
     for (pliant_encoding encoding : {PLIANT_INT16, PLIANT_FLOAT32}) fit_once(encoding);
 }
 
-// in a scene, after explicit dynamics: positions do not leave the GPU
+// In a scene with explicit dynamics, positions stay on the GPU.
 TEST(CudaFit, AStepDrawsIt)
 {
     NEEDS_GPU();
@@ -151,7 +152,7 @@ TEST(CudaFit, AStepDrawsIt)
     }
 }
 
-// every call of the CUDA runtime fails once: the CPU draws the same
+// Every call of the CUDA runtime fails once; the CPU draws the same volume.
 TEST(CudaFit, TheCpuGoesOn)
 {
     NEEDS_GPU();

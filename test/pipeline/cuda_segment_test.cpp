@@ -1,4 +1,4 @@
-// Segmentation on the GPU: the CPU's labels. Skipped without a GPU.
+// Segmentation on the GPU gives the CPU's labels. Skipped without a GPU.
 #include "cuda_warps.h"
 #include "pliant/pliant.h"
 
@@ -10,7 +10,7 @@ namespace {
 
 const pliant_segment_options usual = {0, 12, 1.0, 1e-6, 2, PLIANT_CUDA};
 
-// the same labels, pieces and classes; voxels that differ are counted
+// Expect the same labels, pieces and classes; count voxels that differ.
 void compare(const pliant_volume &scan, pliant_segment_options options, const char *what)
 {
     SCOPED_TRACE(what);
@@ -57,7 +57,7 @@ TEST(CudaSegment, MeetsTheCpu)
     options.classes = 5;
     options.smallest = 0;
     compare(phantom, options, "five classes, no speck too small");
-    options.smallest = 2e-3; // thicker than the keys of the waves are long
+    options.smallest = 2e-3; // thicker than the range of the wave front's keys
     compare(phantom, options, "organs are specks");
     options.smallest = 1;
     compare(phantom, options, "everything is a speck");
@@ -129,7 +129,7 @@ TEST(CudaSegment, SameInputSameBitsAndErrorsAreTheCpus)
     pliant_volume_free(&scan);
 }
 
-// every call of the CUDA runtime fails once: the CPU segments the same
+// Every call of the CUDA runtime fails once; the CPU computes the same segmentation.
 TEST(CudaSegment, TheCpuGoesOn)
 {
     NEEDS_GPU();
@@ -158,7 +158,7 @@ TEST(CudaSegment, TheCpuGoesOn)
     pliant_volume_free(&phantom);
 }
 
-// in little time: for compute-sanitizer
+// runs in a short time, for compute-sanitizer
 TEST(CudaSegment, EveryKernelOnce)
 {
     NEEDS_GPU();

@@ -1,4 +1,4 @@
-// The CUDA backend against the CPU's, stage by stage and as a whole. Skipped without a GPU.
+// The CUDA backend against the CPU, stage by stage and as a whole. Skipped without a GPU.
 #include "backend/backend.h"
 #include "cuda_bodies.h"
 #include "cuda_warps.h"
@@ -60,7 +60,7 @@ TEST(CudaRun, MeetsTheCpu)
         EXPECT_LT(worst, 1e-5 * box[0]);
         EXPECT_GT(farthest(gpu.data->positions, gpu.model->body->fine.rest, gpu.model->body->fine.num_nodes), 0.002);
         RecordProperty(("worst_" + std::to_string(number)).c_str(), std::to_string(worst / box[0]).c_str());
-        // the volume that the stages handed over on the GPU is that of the same positions on the CPU
+        // the volume that stayed on the GPU equals the CPU's volume for the same positions
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
@@ -82,15 +82,16 @@ TEST(CudaRun, TheToleranceIsOfPositions)
     }
 }
 
-// What a step tells of its error, and of that of the step before: what the CPU tells, but for a preconditioner in float; under springs steps of
-// two evaluations go their own ways after some time, by what it has rounded. And within a factor of three of the truth.
+// Error estimates of this step and the previous one equal the CPU's, up to the single-precision preconditioner, and are
+// within a factor of three of the true errors. With springs, steps of two evaluations diverge after some time because
+// of rounding.
 TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
 {
     NEEDS_GPU();
     const pliant_drive drives[] = {PLIANT_DRIVE_RIGID, PLIANT_DRIVE_SPRING, PLIANT_DRIVE_FORCE};
     int counted = 0, within = 0, judged = 0, within_before = 0;
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID})
-        for (int load = 0; load < 4; load++) { // the last: gravity alone, which turns
+        for (int load = 0; load < 4; load++) { // the last load is gravity alone, which rotates
             SCOPED_TRACE(load);
             const Case c = {PLIANT_FINE, drives[load % 3], 2, 0, load < 3, choice};
             Body exact(size, box, three, inclusions), cpu(size, box, three, inclusions), gpu(size, box, three, inclusions);
@@ -119,7 +120,7 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
                     judged++;
                     within_before += b.error_before > last_error / 3 && b.error_before < 3 * last_error;
                 }
-                double error = 0; // of a node
+                double error = 0; // maximum error of a node
                 for (int32_t n = 0; n < 3 * gpu.model->body->fine.num_nodes; n += 3) {
                     const double *x = gpu.data->positions + n, *y = exact.data->positions + n;
                     error = std::fmax(error, std::hypot(std::hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]));
@@ -138,7 +139,8 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
     EXPECT_GE(within_before, 0.9 * judged);
 }
 
-// The coarse model on the GPU, patches on the host from where it has the fine nodes: where the CPU alone has them.
+// The coarse model runs on the GPU, patches on the host with its fine nodes. The positions equal those of the CPU
+// alone.
 TEST(CudaRun, PatchesMeetTheCpu)
 {
     NEEDS_GPU();
@@ -166,7 +168,7 @@ TEST(CudaRun, PatchesMeetTheCpu)
         }
         EXPECT_EQ(gpu.data->statistics.patched, 2);
         EXPECT_GT(gpu.data->statistics.patch_moved, 1e-3);
-        // the volume is that of the patched positions
+        // the volume belongs to the patched positions
         pliant_warp *warp = nullptr;
         ASSERT_EQ(pliant_warp_create(&gpu.scan, &gpu.model->body->fine, &gpu.scan.geometry, 2, &warp), PLIANT_OK);
         ASSERT_EQ(pliant_warp_update(warp, gpu.data->positions), PLIANT_OK);
@@ -175,7 +177,7 @@ TEST(CudaRun, PatchesMeetTheCpu)
     }
 }
 
-// residual over load at a state of the solved nodes
+// Return the residual relative to the load at a state of the solved nodes.
 double residual_at(const Body &body, const std::vector<double> &x)
 {
     const pliant_system *system = body.model->system;
@@ -189,8 +191,8 @@ double residual_at(const Body &body, const std::vector<double> &x)
     return std::sqrt(squares / of_load);
 }
 
-// One evaluation from a state far from rest, and one step of the preconditioner: the residual that is left is the CPU's, but for what a
-// preconditioner in float loses, a part of the residual that it began with.
+// One evaluation and one preconditioned step from a state far from rest. The remaining residual equals the CPU's, up to
+// the single-precision preconditioner, whose error is a fraction of the initial residual.
 TEST(CudaRun, OneEvaluationMeetsTheCpu)
 {
     NEEDS_GPU();
@@ -201,7 +203,7 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
         prepare(cpu, c, PLIANT_CPU);
         prepare(gpu, c, PLIANT_CUDA);
         std::mt19937 random(11);
-        std::uniform_real_distribution<double> uniform(-0.004, 0.004); // some elements turn inside out
+        std::uniform_real_distribution<double> uniform(-0.004, 0.004); // some elements are inverted
         for (Body *body : {&cpu, &gpu}) {
             ASSERT_EQ(body->build(), PLIANT_OK);
             ASSERT_EQ(pliant_data_set_limits(body->data, 1, 1e-8), PLIANT_OK);
@@ -215,7 +217,8 @@ TEST(CudaRun, OneEvaluationMeetsTheCpu)
             for (Body *body : {&cpu, &gpu}) ASSERT_GE(pliant_step(body->model, body->data), 0);
             const pliant_statistics &a = cpu.data->statistics, &b = gpu.data->statistics;
             EXPECT_NEAR(a.residual_force, b.residual_force, 5e-10 * residual_at(cpu, begin));
-            EXPECT_NEAR(a.residual, b.residual, 1e-4 * a.residual); // the norm has the preconditioner in float
+            // the norm contains the single-precision preconditioner
+            EXPECT_NEAR(a.residual, b.residual, 1e-4 * a.residual);
             EXPECT_LT(farthest(cpu, gpu), 1e-5 * box[0]);
         }
     }
@@ -233,7 +236,7 @@ TEST(CudaRun, SameInputSameBits)
             body.scene.solver.tolerance = 1e-3;
             body.scene.solver.iterations = 6;
             ASSERT_EQ(body.build(), PLIANT_OK);
-            if (&result == &results[2]) { // after a reset as well
+            if (&result == &results[2]) { // also after a reset
                 for (int s = 1; s <= 5; s++) step(body, c, s, 5);
                 ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
             }
@@ -245,7 +248,7 @@ TEST(CudaRun, SameInputSameBits)
     }
 }
 
-// every kernel of a step, in little time: for compute-sanitizer, where each takes a hundred times as long and more
+// runs every kernel of a step in a short time, for compute-sanitizer, which is more than a hundred times slower
 TEST(CudaRun, EveryKernelOnce)
 {
     NEEDS_GPU();
@@ -260,7 +263,7 @@ TEST(CudaRun, EveryKernelOnce)
         body.scene.solver.refresh_interval = 1;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
-        for (int s : {1, 2, 2}) step(body, c, s, 2); // the last one knows what its first state comes to
+        for (int s : {1, 2, 2}) step(body, c, s, 2); // the last step starts with a known residual
         pliant_warp_volume(body.data->warp);
         EXPECT_STREQ(pliant_data_get_backend(body.data), "cuda") << pliant_last_error();
         EXPECT_GT(farthest(body.data->positions, body.model->body->fine.rest, body.model->body->fine.num_nodes), 0.002);
@@ -322,7 +325,7 @@ struct RealBody {
         pliant_data_free(data);
         pliant_model_free(model);
     }
-    // soft tissue 2 cm behind the front
+    // Grasp soft tissue 2 cm behind the front.
     bool grasp(double tip[3])
     {
         const pliant_geometry &geometry = model->scan->geometry;
@@ -350,8 +353,8 @@ size_t different_voxels(const pliant_volume *a, const pliant_volume *b)
     return different;
 }
 
-// each backend on its own: positions meet; volumes too, but where positions that differ in their last digits fall on both sides
-// of a rounding or of a face
+// Independent runs on both backends: positions agree. Volumes agree too, except where positions with different last
+// digits fall on both sides of a rounding threshold or a face.
 TEST(CudaRun, ARealScanMeetsTheCpu)
 {
     NEEDS_GPU();
@@ -422,9 +425,9 @@ TEST(CudaRun, TheToleranceIsOfPositionsOnARealScan)
     pliant_volume_free(&scan);
 }
 
-/* ---- sources */
+/* ---- source files */
 
-// every launch, copy and fill is on a stream that was passed in: one on the default stream would wait for all others
+// Every launch, copy and fill uses a given stream. An operation on the default stream would wait for all others.
 TEST(CudaSources, NothingIsOnTheDefaultStream)
 {
     glob_t files;

@@ -1,4 +1,5 @@
-// Explicit dynamics on the GPU against the CPU's: whole runs, the same bits again, divergence, a GPU that fails. Skipped without a GPU.
+// Explicit dynamics on the GPU against the CPU: whole runs, repeated results, divergence, a failing GPU. Skipped
+// without a GPU.
 #include "backend/backend.h"
 #include "body.h"
 #include "cuda_warps.h"
@@ -14,14 +15,14 @@ namespace {
 
 const double nobody = -1;
 
-// what of explicit dynamics a run asks for; a drive of -1: no tool
+// Configuration of a run; drive -1: no tool.
 struct Case {
     const char *name;
     pliant_law law;
     bool viscous, nodal, still, walls;
     double drive;
     int tools;
-    double bound; // farthest node apart, over the largest displacement
+    double bound; // maximum difference of a node relative to the maximum displacement
     pliant_element_kind element = PLIANT_LINEAR;
     double stiffness_damping = 0;
     bool octree = false;
@@ -103,7 +104,7 @@ struct Cube : Body {
             const double point[3] = {0.01 + 0.01 * t, 0.02, 0.01 + 0.006 * t}, along = 0.0006 * s, push[3] = {0.02, 0, 0.01 * s};
             const double tip[3] = {point[0] + along, point[1] - along * t, point[2] - along};
             if (s == 1) {
-                data->tools[tool].radius = 0.01; // they share nodes
+                data->tools[tool].radius = 0.01; // the tools share nodes
                 ASSERT_EQ(pliant_tool_set_pose(data, tool, point, nullptr), PLIANT_OK);
                 ASSERT_EQ(pliant_tool_grasp(model, data, tool, nullptr), PLIANT_OK) << pliant_last_error();
                 data->tools[tool].stiffness = 50;
@@ -172,7 +173,7 @@ TEST(CudaTled, MeetsTheCpu)
     }
 }
 
-// the phantom's soft tissue hangs, falls, and is pulled by a tool
+// The phantom's soft tissue hangs, falls, and is pulled by a tool.
 TEST(CudaTled, ThePhantomMeetsTheCpu)
 {
     NEEDS_GPU();
@@ -210,7 +211,7 @@ TEST(CudaTled, ThePhantomMeetsTheCpu)
             if (run == 1) {
                 scene.ground.normal[1] = -1;
                 scene.ground.point[1] = scan.geometry.origin[1] + scan.geometry.size[1] * scan.geometry.spacing[1] + 0.01;
-            } else { // the back is held
+            } else { // fix the back
                 scene.fixed.num_planes = 1;
                 scene.fixed.planes[0] = {{0, scan.geometry.origin[1] + 0.8 * scan.geometry.size[1] * scan.geometry.spacing[1], 0}, {0, -1, 0}};
             }
@@ -264,7 +265,7 @@ TEST(CudaTled, SameInputSameBits)
         for (std::vector<double> &result : results) {
             Cube body(cases[number], PLIANT_CUDA);
             ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-            if (&result == &results[2]) { // after a reset as well
+            if (&result == &results[2]) { // also after a reset
                 for (int s = 1; s <= 3; s++) body.step(s);
                 ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
             }
@@ -276,7 +277,7 @@ TEST(CudaTled, SameInputSameBits)
     }
 }
 
-// more sub-steps than a graph has: odd numbers of them, in several launches
+// More sub-steps than one graph contains: odd numbers of them, in several launches.
 TEST(CudaTled, LongFramesAreShortOnes)
 {
     NEEDS_GPU();
@@ -313,7 +314,7 @@ TEST(CudaTled, DivergenceIsCaughtAndTheStateKept)
         EXPECT_EQ(before, body.positions());
         EXPECT_STREQ(pliant_data_get_backend(body.data), b ? "cuda" : "cpu");
         steps[b] = body.data->statistics.iterations;
-        // with shorter steps it goes on from there
+        // with shorter steps it continues from the kept state
         body.data->tled->substeps *= 2;
         body.data->tled->time_step *= 0.5;
         EXPECT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
@@ -338,7 +339,7 @@ TEST(CudaTled, PositionsFromOutsideAreTaken)
     }
 }
 
-// every kernel, in little time: for compute-sanitizer
+// runs every kernel in a short time, for compute-sanitizer
 TEST(CudaTled, EveryKernelOnce)
 {
     NEEDS_GPU();
@@ -352,7 +353,8 @@ TEST(CudaTled, EveryKernelOnce)
     }
 }
 
-// every call of the CUDA runtime fails once, as a lost device does: the CPU goes on from the last good state, to the same end
+// Every call of the CUDA runtime fails once, as on a lost device. The CPU continues from the last valid state to the
+// same result.
 TEST(CudaTled, TheCpuGoesOn)
 {
     NEEDS_GPU();

@@ -1,4 +1,5 @@
-// The warp and picks on the GPU against the CPU's, bit for bit; what happens when the GPU fails or is full. Skipped without a GPU.
+// Warp and picking on the GPU, bitwise identical to the CPU, and behaviour when the GPU fails or its memory is full.
+// Skipped without a GPU.
 #include "backend/backend.h"
 #include "cuda_warps.h"
 #include "cut_cases.h"
@@ -65,7 +66,8 @@ TEST(CudaWarp, CrowdedBricksEqualToo)
     NEEDS_GPU();
     const int32_t cells[3] = {20, 20, 16};
     pliant_geometry geometry = geometry_of(48, 48, 40);
-    Warps warps(PLIANT_INT16, geometry, cells, geometry); // some 2000 tetrahedra a brick: longer lists than at first, and the slow way
+    // about 2000 tetrahedra per brick: longer lists than the initial capacity, and the slow path
+    Warps warps(PLIANT_INT16, geometry, cells, geometry);
     warps.update_and_compare(warps.rest(), "at rest");
     warps.update_and_compare(warps.wave(0.002, 0.0003, 6), "wave");
     std::vector<double> x = warps.rest();
@@ -98,7 +100,8 @@ TEST(CudaWarp, WhatIsCutEqualsToo)
                 set_and_compare(warps, whole, apart, "is whole");
                 set_and_compare(warps, some, apart, "undone");
                 set_and_compare(warps, none, apart, "healed");
-                for (pliant_warp *warp : {warps.cpu, warps.gpu}) ASSERT_EQ(pliant_warp_set_body(warp, &more.body), PLIANT_OK); // and at once another
+                // and another body immediately
+                for (pliant_warp *warp : {warps.cpu, warps.gpu}) ASSERT_EQ(pliant_warp_set_body(warp, &more.body), PLIANT_OK);
                 set_and_compare(warps, whole, apart, "at once");
             }
             Warps fresh(encoding, geometry, crowded ? many : few, target);
@@ -118,7 +121,8 @@ bool equal(const pliant_picked &a, const pliant_picked &b)
            std::memcmp(a.point, b.point, sizeof a.point) == 0 && std::memcmp(a.rest, b.rest, sizeof a.rest) == 0;
 }
 
-// from all sides and from inside, at the body, past it and cut short; positions: where the tissue is looked for
+// Compare picks from all sides and from inside, at the body, past it, and with limited length.
+// positions: positions at which tissue is located
 void compare_picks(const Warps &warps, const std::vector<double> &positions, int rays, int *hits, int *misses, int *at_once)
 {
     const pliant_volume *volume = pliant_warp_volume(warps.cpu);
@@ -159,13 +163,13 @@ TEST(CudaPick, EqualsTheCpuBitForBit)
         floats(PLIANT_FLOAT32, geometry_of(31, 30, 29), cells, geometry_of(31, 30, 29));
     std::memcpy(body.scan.voxels, phantom.voxels, pliant_geometry_voxels(&phantom.geometry) * pliant_encoding_size(phantom.encoding));
     ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CPU), PLIANT_OK);
-    ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CUDA), PLIANT_OK); // takes the scan anew
+    ASSERT_EQ(pliant_warp_backend(body.gpu, PLIANT_CUDA), PLIANT_OK); // uploads the scan again
     for (Warps *warps : {&body, &bytes, &floats}) {
         int hits = 0, misses = 0, at_once = 0;
         for (const std::vector<double> &x : {warps->rest(), warps->wave(0.004, 0.0005, 4)}) {
             warps->update_and_compare(x, "the volume");
             compare_picks(*warps, x, warps == &body ? 150 : 40, &hits, &misses, &at_once);
-            std::vector<double> elsewhere = x; // crossings without tissue are passed over
+            std::vector<double> elsewhere = x; // crossings without tissue are skipped
             for (size_t n = 0; n < x.size(); n += 3) elsewhere[n] += 0.5 * warps->scan.geometry.size[0] * warps->scan.geometry.spacing[0];
             compare_picks(*warps, elsewhere, 40, &hits, &misses, &at_once);
         }
@@ -176,7 +180,7 @@ TEST(CudaPick, EqualsTheCpuBitForBit)
     pliant_volume_free(&phantom);
 }
 
-// four calls of the CUDA runtime for a ray with one crossing or none: where one fails, the CPU picks the same
+// A ray with at most one crossing needs four calls of the CUDA runtime. If one fails, the CPU picks the same point.
 TEST(CudaPick, TheCpuGoesOn)
 {
     NEEDS_GPU();
@@ -202,7 +206,8 @@ TEST(CudaPick, TheCpuGoesOn)
     }
 }
 
-// another program has all of the GPU's memory: a volume that does not fit is refused with figures, or drawn by the CPU
+// If another program uses all of the GPU's memory, a volume that does not fit is rejected with the sizes, or drawn by
+// the CPU.
 TEST(CudaFailure, AFullGpuIsToldWithFigures)
 {
     NEEDS_GPU();
@@ -211,7 +216,7 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
     Warps warps(PLIANT_INT16, geometry, cells, geometry);
     warps.update_and_compare(warps.rest(), "before");
     std::vector<void *> taken;
-    void *block, *for_the_probe; /* a volume does not fit there */
+    void *block, *for_the_probe; /* leaves too little memory for a volume */
     ASSERT_EQ(pliant_cuda_allocate(size_t(1) << 22, "a test", &for_the_probe), PLIANT_OK);
     for (size_t bytes = size_t(1) << 36; bytes > 1 << 20; bytes /= 2)
         while (pliant_cuda_allocate(bytes, "a test", &block) == PLIANT_OK) taken.push_back(block);
@@ -227,10 +232,11 @@ TEST(CudaFailure, AFullGpuIsToldWithFigures)
     pliant_warp_free(other);
 }
 
-/* ---- pictures */
+/* ---- images */
 
-// what a camera sees, and a radiograph, of a volume and of labels that the GPU has drawn: the CPU's bits; a failure and the CPU goes on;
-// cells: of the mesh along each axis, 0: as usual
+// Compare camera images and radiographs of a volume and labels drawn on the GPU with the CPU, bitwise; after a failure
+// the CPU continues.
+// cells: of the mesh along each axis, 0: default
 void compare_pictures(const int32_t size[3], int32_t cells, int width, int height, int least)
 {
     const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
@@ -240,7 +246,7 @@ void compare_pictures(const int32_t size[3], int32_t cells, int width, int heigh
     pliant_scene_defaults(&scene);
     scene.element.kind = PLIANT_LINEAR;
     scene.cut.kind = PLIANT_CUT_SEVER;
-    if (cells > 0) { // too coarse for bone: the back is held
+    if (cells > 0) { // too coarse for bone, so the back is fixed instead
         scene.mesh.ratio = 1;
         scene.fixed.planes[scene.fixed.num_planes++] = {{0, 0.03, 0}, {0, -1, 0}};
         for (int d = 0; d < 3; d++) scene.mesh.coarse_cells[d] = cells;
@@ -253,7 +259,7 @@ void compare_pictures(const int32_t size[3], int32_t cells, int width, int heigh
     const double from[3] = {0.1, -0.5, 0.2}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
     pliant_camera_of_view(width, height, 0.7, &camera);
     ASSERT_EQ(pliant_camera_look_at(&camera, from, at, up), PLIANT_OK);
-    for (int run = 0; run < 3; run++) { // the CPU, the GPU, and one that fails
+    for (int run = 0; run < 3; run++) { // the CPU, the GPU, and a failing GPU
         scene.solver.backend = run == 0 ? PLIANT_CPU : PLIANT_CUDA;
         pliant_model *model = nullptr;
         pliant_data *data = nullptr;
@@ -305,12 +311,13 @@ TEST(CudaWarp, PicturesHaveTheBitsOfTheCpu)
     compare_pictures(size, 0, 150, 110, 5000);
 }
 
-// every kernel of the warp and of pictures, in little time: for compute-sanitizer
+// runs every kernel of the warp and of images in a short time, for compute-sanitizer
 TEST(CudaWarp, EveryKernelOnce)
 {
     NEEDS_GPU();
     const int32_t cells[3] = {4, 4, 4}, size[3] = {20, 18, 17};
-    for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) { // all in one brick: more than the usual kernel names
+    // all elements in one brick: more than the usual kernel can index
+    for (pliant_encoding encoding : {PLIANT_UINT8, PLIANT_INT16, PLIANT_FLOAT32}) {
         SCOPED_TRACE(encoding);
         const pliant_geometry geometry = geometry_of(16, 15, 14), target = geometry_of(19, 15, 14);
         Warps warps(encoding, geometry, cells, target);
@@ -328,7 +335,7 @@ TEST(CudaWarp, EveryKernelOnce)
         warps.update_and_compare(pressed, "all pressed together, and whole");
     }
     const int32_t two[3] = {2, 2, 2};
-    Warps few(PLIANT_INT16, geometry_of(20, 18, 17), two, geometry_of(20, 18, 17)); // what the usual kernel draws
+    Warps few(PLIANT_INT16, geometry_of(20, 18, 17), two, geometry_of(20, 18, 17)); // drawn by the usual kernel
     few.update_and_compare(few.wave(0.002, 0, 6), "a wave of few");
     compare_pictures(size, 4, 24, 20, 10);
 }

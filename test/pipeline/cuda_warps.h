@@ -1,4 +1,4 @@
-// For tests of the CUDA backend: whether there is a GPU, and the same warp on the CPU and on the GPU.
+// For tests of the CUDA backend: detect a GPU; the same warp on the CPU and on the GPU.
 #ifndef PLIANT_TEST_CUDA_WARPS_H
 #define PLIANT_TEST_CUDA_WARPS_H
 
@@ -64,7 +64,7 @@ struct Warps {
         pliant_volume_free(&scan);
     }
     std::vector<double> rest() const { return {mesh.rest, mesh.rest + 3 * mesh.num_nodes}; }
-    // a smooth wave, and noise; amounts in metres
+    // Return positions displaced by a smooth wave and noise; amplitudes in metres.
     std::vector<double> wave(double amount, double noise, unsigned seed) const
     {
         std::vector<double> x = rest();
@@ -91,7 +91,7 @@ struct Warps {
         const uint8_t *here, *there;
         pliant_warp_bricks(cpu, count, &here);
         pliant_warp_bricks(gpu, count, &there);
-        int only_here = 0, only_there = 0, all_there = 1; // a GPU whose lists of a brick become too short draws all anew
+        int only_here = 0, only_there = 0, all_there = 1; // if the lists of a brick overflow, a GPU redraws everything
         for (size_t b = 0; b < static_cast<size_t>(count[0]) * count[1] * count[2]; b++) {
             only_here += here[b] && !there[b];
             only_there += there[b] && !here[b];
@@ -102,7 +102,7 @@ struct Warps {
     }
 };
 
-// the same body in both; copies of nodes a little apart
+// Set the same body in both warps; copied nodes are moved slightly apart.
 template <class CutBody> void set_and_compare(Warps &warps, const CutBody &cut, double apart, const char *what)
 {
     ASSERT_EQ(pliant_warp_set_body(warps.cpu, &cut.body), PLIANT_OK) << pliant_last_error();

@@ -1,4 +1,4 @@
-// Random strokes through whole scans while they deform: pieces, masses, materials.
+// Random strokes through whole scans during a deformation: pieces, masses, materials.
 #include "../cuts.h"
 
 #include <sys/stat.h>
@@ -19,7 +19,7 @@ struct Scan {
     }
 };
 
-// smooth, another one every stroke, and noise that turns some elements inside out
+// A smooth motion, different for every stroke, with noise that inverts some elements.
 struct Motion {
     double phase[6], noise;
     std::mt19937 &random;
@@ -37,7 +37,7 @@ struct Motion {
     }
 };
 
-// the sums over fragments of every tetrahedron, and of chips, are what it was at load
+// Expect that the sums over all fragments of a tetrahedron, including chips, equal its initial values.
 void expect_whole(const pliant_body &load, const pliant_body &now)
 {
     const size_t tets = static_cast<size_t>(load.fine.num_tets);
@@ -77,7 +77,7 @@ void stroke_after_stroke(const pliant_model *model, int strokes, unsigned seed, 
         do tet = static_cast<int32_t>(random() % static_cast<unsigned>(load.fine.num_tets));
         while (!(load.fine_material[tet].tissue > 0));
         const double *middle = positions.data() + 3 * load.fine.tets[4 * tet];
-        // a curved blade of 2 to 12 cm that goes 0 to 8 cm; every tenth goes through everything
+        // a curved blade of 2 to 12 cm that moves by up to 8 cm; every tenth cuts through everything
         double along[3], ahead[3], bent[3];
         const bool through = s % 10 == 5;
         const double size = through ? 1 : 0.02 + 0.05 * (1 + unit(random)), far = through ? 2 : 0.04 * (1 + unit(random));

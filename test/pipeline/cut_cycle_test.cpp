@@ -1,4 +1,5 @@
-// The V-cycle of a model that a cut has gone into, coarse or fine: on the fragments of every level, as quick as before the cut, and it changes no answer.
+// The V-cycle of a cut model, coarse or fine: it works on the fragments of every level, converges as fast as before the
+// cut, and does not change the solution.
 #include "../blocks.h"
 #include "body.h"
 #include "base/dense.h"
@@ -17,7 +18,7 @@ struct Case {
     int ratio;
 };
 
-// A beam of two tissues, clamped at one end, that a slanted plane cuts from above.
+// A clamped beam of two tissues, which a slanted plane cuts from above.
 struct Beam {
     std::unique_ptr<Body> body;
 
@@ -41,7 +42,7 @@ struct Beam {
         const double points[6] = {0.045, -0.02, 0.2, 0.06, 0.1, 0.2}, way[3] = {0.3 * (0.2 - deep), 0, deep - 0.2};
         ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
     }
-    // under another load; how many evaluations until it has settled
+    // Change the load; return the number of evaluations until it has converged.
     int settle(double pull)
     {
         const double gravity[3] = {0, 0, -pull};
@@ -55,7 +56,7 @@ struct Beam {
         EXPECT_EQ(status, PLIANT_OK) << pliant_last_error();
         return evaluations;
     }
-    // until the next preconditioner is there
+    // Step until the next preconditioner is installed.
     void renew()
     {
         for (int s = 0; s < 50 && pliant_preconditioner_base(body->data->solver->preconditioner); s++) ASSERT_GE(pliant_step(body->model, body->data), 0) << pliant_last_error();
@@ -63,7 +64,7 @@ struct Beam {
     pliant_system *system() const { return body->data->discretization->system; }
 };
 
-// of the stiffness at rest
+// V-cycle for the stiffness at rest.
 struct Cycle {
     pliant_system system;
     pliant_preconditioner *preconditioner = nullptr;
@@ -87,7 +88,8 @@ struct Cycle {
         return y;
     }
     static double dot(const std::vector<double> &a, const std::vector<double> &b) { return pliant_dot(a.size(), a.data(), b.data()); }
-    // by conjugate gradients, until the energy norm of the residual is so much less; how many products
+    // Solve by conjugate gradients until the energy norm of the residual has decreased by a factor. Return the number
+    // of products.
     int settle(double part, std::vector<double> *answer = nullptr) const
     {
         std::vector<double> r(3 * static_cast<size_t>(system.num_free)), x(r.size());
@@ -112,8 +114,8 @@ struct Cycle {
 
 struct EveryCycle : testing::TestWithParam<Case> {};
 
-// Conjugate gradients at rest, to a ten thousandth. schur's hexahedra, several times too soft, take four where all others take five or six; what is fine beside the cut is
-// not that soft.
+// Conjugate gradients at rest, to a relative residual of 1e-4. The hexahedra of schur are several times too soft and
+// need four iterations, all others five or six. The fine elements next to the cut are less soft.
 TEST_P(EveryCycle, IsAsQuickAsBeforeTheCut)
 {
     Beam beam(GetParam(), PLIANT_MULTIGRID);
@@ -145,12 +147,14 @@ TEST_P(EveryCycle, IsSymmetricAndPositiveAndSoAreItsClones)
         for (double &x : b) x = normal(random);
         const std::vector<double> ma = cycle.solve(a), mb = cycle.solve(b);
         EXPECT_GT(Cycle::dot(a, ma), 0);
-        EXPECT_NEAR(Cycle::dot(a, mb), Cycle::dot(b, ma), 1e-5 * std::sqrt(Cycle::dot(a, ma) * Cycle::dot(b, mb))); // blocks are kept in float
+        // blocks are stored in single precision
+        EXPECT_NEAR(Cycle::dot(a, mb), Cycle::dot(b, ma), 1e-5 * std::sqrt(Cycle::dot(a, ma) * Cycle::dot(b, mb)));
         EXPECT_EQ(ma, other.solve(a));
     }
 }
 
-// in a simulation: the V-cycle before the cut, and the one that is made after it; the same answer as by a factor
+// In a simulation: the V-cycle from before the cut, and the one computed after it, give the same solution as a direct
+// factor.
 TEST_P(EveryCycle, ServesAfterACutAndChangesNoAnswer)
 {
     Beam layered(GetParam(), PLIANT_MULTIGRID), direct(GetParam(), PLIANT_DIRECT);

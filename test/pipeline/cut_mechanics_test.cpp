@@ -1,4 +1,5 @@
-// The mechanics of a cut: one that ends in a bar is a crack, which releases Griffith's energy per area; homogenized models follow the fine one.
+// Mechanics of a cut: a cut that ends in a bar is a crack, whose energy release rate follows Griffith; homogenized
+// models agree with the fine model.
 #include "../cuts.h"
 #include "fem/quasistatic/solver.h"
 
@@ -6,14 +7,15 @@
 
 namespace {
 
-// A bar that hangs along x, of height 1 (y) and thickness 1/8 (z), in units of 80 mm; nu = 0, so that plane stress is plane strain.
+// A bar that hangs along x, of height 1 (y) and thickness 1/8 (z), in units of 80 mm. With nu = 0, plane stress equals
+// plane strain.
 constexpr double height = 0.08, thickness = 0.01, length = 4 * height, young = 1e4, density = 1000, gravity = 1e-3;
 
 struct Bar {
     std::unique_ptr<Body> body;
     double plane, cell, depth = 0, area = 0;
 
-    // across: cells over its height; offset: of the cut from a plane of the lattice [cells]
+    // across: number of cells over its height; offset: distance of the cut from a lattice plane [cells]
     Bar(int across, double offset) : cell(height / across)
     {
         const int thick = std::max(1, across / 8), size[3] = {16 * across, 4 * across, 4 * thick};
@@ -37,7 +39,7 @@ struct Bar {
         area += report.area;
         EXPECT_EQ(body->settle(), PLIANT_OK);
     }
-    // what the load has done, of which half is stored: with a dead load as much again is released
+    // Return the stored energy, half of the work of the load. Under a dead load, crack growth releases the same amount.
     double stored() const
     {
         const pliant_body &now = *body->data->body;
@@ -45,7 +47,8 @@ struct Bar {
         for (int32_t n = 0; n < now.fine.num_nodes; n++) work += now.node_mass[n] * gravity * (body->data->positions[3 * n] - now.fine.rest[3 * n]);
         return 0.5 * work;
     }
-    // J as an integral over a domain around the tip (Li, Shih and Needleman 1985), with the body force; mean over the thickness
+    // Return J as a domain integral around the tip (Li, Shih and Needleman 1985), with the body force; mean over the
+    // thickness.
     double j_integral() const
     {
         const pliant_body &now = *body->data->body;
@@ -81,7 +84,7 @@ struct Bar {
     }
 };
 
-// Of an edge crack under tension, K^2 / E (Brown and Srawley 1966), integrated over its area
+// Return K^2 / E of an edge crack under tension (Brown and Srawley 1966), integrated over its area.
 double handbook(double depth)
 {
     const double stress = density * gravity * 0.5 * length;
@@ -93,7 +96,7 @@ double handbook(double depth)
     return sum;
 }
 
-// In a plane of the lattice the mesh has its notch, and only nodes are parted; between planes tetrahedra are.
+// In a lattice plane the mesh has a notch, and only nodes are separated; between planes tetrahedra are cut.
 const double planes[2] = {0, 0.4};
 
 TEST(Griffith, EnergyReleasedIsTheJIntegral)
@@ -101,19 +104,20 @@ TEST(Griffith, EnergyReleasedIsTheJIntegral)
     for (double offset : planes) {
         Bar bar(16, offset);
         double j[3], stored[3];
-        for (int i = 0; i < 3; i++) { // deeper by a period of the lattice each time
+        for (int i = 0; i < 3; i++) { // deeper by one lattice period each time
             bar.cut_to((4 + 2 * i) * bar.cell);
             j[i] = bar.j_integral();
             stored[i] = bar.stored();
         }
-        const double area = 4 * bar.cell * thickness, released = (stored[2] - stored[0]) / area, mean = (j[0] + 4 * j[1] + j[2]) / 6; // Simpson
+        // Simpson's rule
+        const double area = 4 * bar.cell * thickness, released = (stored[2] - stored[0]) / area, mean = (j[0] + 4 * j[1] + j[2]) / 6;
         EXPECT_NEAR(bar.area, 8 * bar.cell * thickness, 1e-3 * area);
         EXPECT_NEAR(released, mean, 0.03 * mean) << offset;
         EXPECT_GT(j[2], 5 * j[0]);
     }
 }
 
-// The tip of a crack is singular: linear elements lose energy there in proportion to their size.
+// The crack tip is singular; linear elements lose energy there in proportion to their size.
 TEST(Griffith, ConvergesToTheNotch)
 {
     double released[2][3];
@@ -130,14 +134,14 @@ TEST(Griffith, ConvergesToTheNotch)
         EXPECT_NEAR(2 * released[p][2] - released[p][1], theory, 0.08 * theory) << "extrapolated";
         for (int n = 1; n < 3; n++) EXPECT_LT(theory - released[p][n], 0.63 * (theory - released[p][n - 1]));
     }
-    for (int n = 1; n < 3; n++) // to the bar that is meshed with its notch
+    for (int n = 1; n < 3; n++) // converges to the bar whose mesh contains the notch
         EXPECT_LT(1 - released[1][n] / released[0][n], 0.6 * (1 - released[1][n - 1] / released[0][n - 1]));
     EXPECT_LT(std::fabs(1 - released[1][2] / released[0][2]), 0.08);
 }
 
-// ---- strokes at random
+// ---- random strokes
 
-// what the load does as a bar comes to rest: twice the potential energy that it takes away
+// Return the work of the load while a bar comes to rest: twice the decrease of potential energy.
 double work_of_load(const Body &bar)
 {
     const pliant_solver &solver = *bar.data->solver;
@@ -152,8 +156,9 @@ double work_of_load(const Body &bar)
     return sum;
 }
 
-// Whatever is cut, the bar comes to rest at no more energy than before, since what is left of an element has no more stiffness than it had. Of hexahedra
-// that fall into parts that have not all of their corners, tetrahedra come: of 20 mm and two tissues that shows.
+// After any cut, the bar comes to rest at no higher energy, because a part of an element has at most the element's
+// stiffness. Parts of hexahedra that lack a corner become tetrahedra; with 20 mm cubes and two tissues the effect is
+// visible.
 void expect_no_energy(pliant_method method, pliant_element_kind kind, int cells, int tissues, double bound)
 {
     const int size[3] = {16, 16, 48}, ratio = method == PLIANT_FINE ? 1 : 2;
@@ -187,7 +192,7 @@ void expect_no_energy(pliant_method method, pliant_element_kind kind, int cells,
         EXPECT_GE(after, before * (1 - bound)) << "method " << method << ", kind " << kind << ", cells " << cells << ", stroke " << stroke;
         before = after;
     }
-    EXPECT_GT(before, 1.02 * whole); // that it was cut counts
+    EXPECT_GT(before, 1.02 * whole); // the cut has an effect
 }
 
 TEST(Strokes, LeaveABarWithNoMoreEnergy)
@@ -205,7 +210,7 @@ TEST(Strokes, LeaveABarWithNoMoreEnergy)
 
 struct Beam {
     std::unique_ptr<Body> body;
-    static constexpr double pull = 0.002; // schur is several times too soft; blades are to cut the same
+    static constexpr double pull = 0.002; // schur is several times too soft; blades must make the same cut
 
     Beam(pliant_method method, int ratio, pliant_element_kind kind = PLIANT_LINEAR)
     {
@@ -227,7 +232,7 @@ struct Beam {
         ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, way, nullptr), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(body->settle(), PLIANT_OK);
     }
-    // of the load; the potential energy at rest is minus a half of it
+    // Return the work of the load; the potential energy at rest is minus half of it.
     double work() const
     {
         const pliant_body &now = *body->data->body;
@@ -248,8 +253,9 @@ struct Beam {
     }
 };
 
-// Of the plane between coarse cubes (0.08) cuts of 2 and 4 cm end on coarse nodes, one of 5 cm in the middle of coarse faces; those at 0.086 and 0.09 end inside coarse
-// cubes. What is as the fine mesh beside a cut makes the error smaller, not larger: 1.04 times that before the cut at most, and that is as small as it was.
+// In the plane between coarse cubes (0.08), cuts of 2 and 4 cm end at coarse nodes, and one of 5 cm in the middle of
+// coarse faces. The cuts at 0.086 and 0.09 end inside coarse cubes. Fine elements next to the cut must not increase the
+// error relative to the fine model: at most 1.04 times the error before the cut.
 void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list<pliant_method> methods, double plane, std::initializer_list<double> depths)
 {
     Beam fine(PLIANT_FINE, 1, kind);
@@ -267,12 +273,13 @@ void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list
         for (size_t b = 0; b < beams.size(); b++) {
             beams[b]->cut_to(deep, plane);
             EXPECT_LT(beams[b]->error_against(fine), 1.1 * before[b]) << "method " << methods.begin()[b] << ", kind " << kind << ", cut at " << plane << " to " << deep;
-            if (methods.begin()[b] == PLIANT_SCHUR) continue; /* what is fine again is stiffer than its elements */
+            /* its elements are softer than the fine ones that replace them */
+            if (methods.begin()[b] == PLIANT_SCHUR) continue;
             EXPECT_GE(beams[b]->work(), (1 - 1e-9) * work[b]) << "energy never rises by a cut: method " << methods.begin()[b];
             work[b] = beams[b]->work();
         }
     }
-    EXPECT_GT(fine.work(), 1.05 * whole); // that it was cut counts
+    EXPECT_GT(fine.work(), 1.05 * whole); // the cut has an effect
 }
 
 TEST(Homogenized, TetrahedraFollowTheFineOnesAfterTheSameCuts)
@@ -291,7 +298,7 @@ TEST(Homogenized, HexahedraFollowTheFineOnesAfterTheSameCuts)
 
 // ---- stress on new faces
 
-// What lies between two heights of a bar that hangs along x, by layers of voxels, and the stress that is told at its nodes
+// A part of a bar that hangs along x, between two heights in voxel layers, and the stress at its nodes.
 struct Strip {
     static constexpr double length = 0.16, pull = 0.01;
     Body body;
@@ -322,8 +329,9 @@ struct Strip {
     }
 };
 
-// Slit along all of its length, within a layer of elements, a bar is two: what is told of copies of nodes is what the two have where each is meshed alone, and
-// both tell the weight that hangs below, although an element that is cut has but a part of the tissue's stiffness.
+// A bar slit along its whole length within a layer of elements becomes two bars. The stress at copied nodes equals the
+// stress of two separately meshed bars. Both equal the weight below, although a cut element has only a fraction of the
+// tissue's stiffness.
 TEST(Stress, OfNewFacesIsThatOfHalvesThatAreMeshedApart)
 {
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {
@@ -345,7 +353,7 @@ TEST(Stress, OfNewFacesIsThatOfHalvesThatAreMeshedApart)
             ASSERT_TRUE(std::isfinite(stress[node]));
             const int32_t other = halves[upper].node_at(rest);
             ASSERT_LT(other, static_cast<int32_t>(apart[upper].size()));
-            if (rest[0] < 0.03 || rest[0] > 0.13) continue; // the end that is held, and the one without a load
+            if (rest[0] < 0.03 || rest[0] > 0.13) continue; // exclude the fixed end and the unloaded end
             EXPECT_NEAR(stress[node], apart[upper][other], (kind == PLIANT_LINEAR ? 0.1 : 0.3) * exact) << "kind " << kind << ", node " << node;
             EXPECT_NEAR(stress[node], exact, 0.3 * exact) << "kind " << kind << ", node " << node;
             if (now.node_parent && now.node_parent[node] != node) seen.insert(node);

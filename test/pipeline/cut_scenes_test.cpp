@@ -1,4 +1,5 @@
-// Demonstration scenes that cut, along the paths that the README names with them: coarse meshes, large steps, tools moved as pliant_deform moves them.
+// Demonstration scenes with cuts, with the paths in the README: coarse meshes, large steps, and the tool motion of
+// pliant_deform.
 #include "programs/deform_tools.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
@@ -20,10 +21,10 @@ struct Demonstration {
     const char *scene, *path, *scan;
     int cells[3];
     double step, until; // [s]
-    double least, most; // area that is parted [cm^2], as in the scene's own mesh and steps
-    int pieces;         // at the end
-    double opens;       // nodes that were one are at least as far apart then [m]
-    double weak, strong; // between these lies the most that a tool is felt [N]
+    double least, most; // bounds of the cut area [cm^2], from the scene's own mesh and steps
+    int pieces;         // final number
+    double opens;       // minimum final distance of nodes that were one before the cut [m]
+    double weak, strong; // bounds of the maximum tool force [N]
     void (*set)(pliant_scene &) = nullptr;
 };
 void PrintTo(const Demonstration &one, std::ostream *out) { *out << one.path; }
@@ -43,7 +44,7 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
     pliant_data *data = nullptr;
     pliant_path path{};
     char folder[32] = "/tmp/pliant_scenes_XXXXXX";
-    double felt = 0; // most that any tool was [N]
+    double felt = 0; // maximum tool force [N]
 
     static std::string file(const char *name) { return std::string(PLIANT_SOURCE_DIR "/launch/scenes/") + name + ".yaml"; }
     static bool of_ct() { return GetParam().scan[0] == '/'; }
@@ -95,7 +96,7 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
         }
         ASSERT_EQ(deform_tools_end(&tools, data, GetParam().until), PLIANT_OK) << pliant_last_error();
     }
-    // what cuts.csv tells: all that was parted [cm^2], and the pieces in its last row
+    // Read cuts.csv: the total cut area [cm^2], and the number of pieces in its last row.
     void told(double *area, int *pieces) const
     {
         std::ifstream rows(std::string(folder) + "/cuts.csv");
@@ -110,7 +111,8 @@ struct CutScenes : testing::TestWithParam<Demonstration> {
             }
         }
     }
-    // how far nodes of tissue are apart that were one [m]; those of fragments of air fall
+    // Return the maximum distance between tissue nodes that were one before the cut [m]. Fragments of air are excluded
+    // because they fall.
     double opening() const
     {
         const pliant_body &body = *data->body;

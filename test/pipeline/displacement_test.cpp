@@ -1,4 +1,4 @@
-// Displacement fields against the deformed volume, by a resampler of this file; files of meshes against the mesh.
+// Displacement fields against the deformed volume, with an independent resampler; mesh files against the mesh.
 #include "../scan_files.h"
 #include "body.h"
 
@@ -14,7 +14,7 @@ struct Field : pliant_displacement {
     ~Field() { pliant_displacement_free(this); }
 };
 
-// A beam with stripes of four materials, clamped at one end; its axes are turned or mirrored.
+// A clamped beam with stripes of four materials, whose axes are rotated or mirrored.
 struct Beam : Body {
     explicit Beam(pliant_cut_kind cut = PLIANT_CUT_NONE, bool mirrored = false)
         : Body(size_, box_, {{5000, 0.4, 1000, false}, {9000, 0.4, 1000, false}, {6000, 0.4, 1000, false}, {7000, 0.4, 1000, false}},
@@ -60,7 +60,8 @@ void place_of(const pliant_geometry &grid, size_t voxel, double world[3])
     pliant_geometry_to_world(&grid, index, world);
 }
 
-// trilinear, limited to the scan; change: the largest difference between the corners of the cell
+// Interpolate trilinearly, clamped to the scan.
+// change: maximum difference between the corners of the cell
 double sample(const pliant_volume &scan, const double world[3], double *change)
 {
     double index[3], value = 0, low = INFINITY, high = -INFINITY;
@@ -87,7 +88,8 @@ double sample(const pliant_volume &scan, const double world[3], double *change)
     return value;
 }
 
-// Away from cuts the scan through the field is the deformed volume, to a tenth of a voxel and the rounding to whole numbers.
+// Away from cuts, the scan resampled by the field equals the deformed volume, up to a tenth of a voxel and rounding to
+// integers.
 void expect_resampling(const Beam &beam, const Field &field)
 {
     const pliant_volume &warped = *pliant_warp_volume(pliant_data_get_warp(beam.data));
@@ -165,10 +167,10 @@ TEST(Displacement, MarksWhereACutIs)
         expect_resampling(beam, field);
         beam.field(PLIANT_DISPLACEMENT_TISSUE, &tissue);
         for (const Field *of : {&field, &tissue}) {
-            EXPECT_GT(count_of(*of, PLIANT_MASK_CUT), 24u * 18); // a sheet of the scan's voxels, at least
+            EXPECT_GT(count_of(*of, PLIANT_MASK_CUT), 24u * 18); // at least one sheet of the scan's voxels
             EXPECT_LT(count_of(*of, PLIANT_MASK_CUT), 24u * 24 * 12);
         }
-        // beside the mask neighbours move alike; across the cut, inside it, they do not
+        // outside the mask, adjacent voxels move alike; inside it, across the cut, they do not
         double outside = 0, inside = 0;
         for (size_t v = 0; v + 1 < pliant_geometry_voxels(&tissue.geometry); v++) {
             if (v % 48 == 47) continue;
@@ -271,7 +273,7 @@ TEST(Save, RefusesOtherEndingsAndUnits)
     EXPECT_TRUE(folder.names().empty());
 }
 
-// Sizes in the header are those of the mesh, and the appended arrays are as long as the header says.
+// Header sizes equal those of the mesh, and the appended arrays have the lengths in the header.
 TEST(Save, WritesWhatTheHeaderSays)
 {
     Beam beam(PLIANT_CUT_SEVER);

@@ -1,4 +1,4 @@
-// Detached pieces fall, land, and swing on tools. They leave the rest of the body alone.
+// Detached pieces fall, land, and swing on tools. They do not affect the rest of the body.
 #include "hanging_bar.h"
 #include "fem/rigid/pieces.h"
 #include "pliant/memory.h"
@@ -21,10 +21,10 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
     EXPECT_EQ(body->data->body->num_held_pieces, 0);
     const std::vector<int32_t> lower = nodes_below(*body->data->body, 0.08);
     EXPECT_EQ(body->data->body->pieces->start[1], static_cast<int32_t>(lower.size()));
-    double narrow = 0; // by its weight
+    double narrow = 0; // narrowing caused by its weight
     for (int32_t n : lower) narrow = std::fmax(narrow, std::fabs(body->data->positions[3 * n] - body->data->body->fine.rest[3 * n]));
     const double start = centre_of(*body, lower)[2], moving = body->data->body->has_inertia;
-    // dynamics has a velocity already
+    // in explicit dynamics it already has a velocity
     double before = start, speed = 0;
     if (moving) {
         step(*body, 1);
@@ -37,7 +37,7 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
         const double t = s * body->scene.solver.step, fallen = start - centre_of(*body, lower)[2];
         EXPECT_NEAR(fallen, 0.5 * g * t * t - speed * t, 0.01 * 0.5 * g * t * t) << s;
     }
-    // nothing stays stretched or turned that no force is on
+    // without forces nothing stays stretched or rotated
     if (moving) return;
     step(*body, static_cast<int>(0.25 / body->scene.solver.step));
     const std::vector<double> centre = centre_of(*body, lower);
@@ -47,7 +47,8 @@ TEST_P(EveryMethod, WhatComesOffFallsFreely)
 }
 INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed, dynamic), name_of);
 
-// A brick of 4 x 4 x 8 cm: m / 12 (b^2 + c^2). Masses at nodes of cubes of 1 cm add up to a sixth of a cube's side squared for each axis.
+// A brick of 4 x 4 x 8 cm: m / 12 (b^2 + c^2). Lumped masses at the nodes of 1 cm cubes add one sixth of a cube's
+// squared edge for each axis.
 TEST(Falling, APieceHasTheInertiaOfABrick)
 {
     std::unique_ptr<Body> body = hang(direct);
@@ -93,10 +94,10 @@ TEST_P(EveryMethod, ItLandsAndRests)
     if (!moving) EXPECT_EQ(body->data->statistics.falling, 0);
 }
 
-// the part that stays does not notice where the piece is
+// The remaining part does not depend on the position of the piece.
 TEST_P(EveryMethod, TheRestOfTheBodyIsTheSameToTheBit)
 {
-    if (GetParam().name == dynamic.name) return; // one sum of forces, one time step
+    if (GetParam().name == dynamic.name) return; // in explicit dynamics, forces have a common sum and time step
     std::unique_ptr<Body> falls = hang(GetParam()), lies = hang(GetParam(), -0.02);
     for (Body *body : {falls.get(), lies.get()}) {
         int tool;
@@ -119,13 +120,13 @@ TEST_P(EveryMethod, TheRestOfTheBodyIsTheSameToTheBit)
     EXPECT_LT(lowest(*falls, lower) + 0.01, lowest(*lies, lower));
 }
 
-// a tool that takes hold of the piece takes it along
+// A tool that grasps the piece moves it.
 TEST_P(EveryMethod, AToolPullsIt)
 {
     for (const double stiffness : {0.0, 50.0, 1e9}) {
         std::unique_ptr<Body> body = hang(GetParam());
         const bool moving = body->model->body->has_inertia;
-        if (moving && stiffness != 50) continue; // tled_test.cpp
+        if (moving && stiffness != 50) continue; // tested in tled_test.cpp
         if (moving) {
             body->scene.tled.damping = 5;
             ASSERT_EQ(body->build(), PLIANT_OK);
@@ -136,7 +137,8 @@ TEST_P(EveryMethod, AToolPullsIt)
         ASSERT_EQ(pliant_tool_add(body->model, body->data, "tool", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_grasp(body->model, body->data, tool, at), PLIANT_OK) << pliant_last_error();
         if (stiffness > 0) body->data->tools[0].stiffness = stiffness;
-        if (stiffness == 50 && !moving) body->data->tools[0].damping = 2 * std::sqrt(stiffness * 0.128); // critical: the piece does not bounce on the spring
+        // critical damping: the piece does not bounce on the spring
+        if (stiffness == 50 && !moving) body->data->tools[0].damping = 2 * std::sqrt(stiffness * 0.128);
         if (stiffness == 0) ASSERT_EQ(pliant_tool_set_drive(body->data, tool, PLIANT_DRIVE_RIGID, nullptr), PLIANT_OK);
         step(*body, 2);
         cut(*body, 0.08);
@@ -149,7 +151,7 @@ TEST_P(EveryMethod, AToolPullsIt)
             ASSERT_EQ(pliant_tool_set_pose(body->data, tool, tip, nullptr), PLIANT_OK);
             step(*body, 1);
             const pliant_tool &held = body->data->tools[0];
-            for (int d = 0; d < 3 && stiffness != 50 && s > 60; d++) // until then it springs back
+            for (int d = 0; d < 3 && stiffness != 50 && s > 60; d++) // before that it still springs back
                 most = std::fmax(most, std::fabs(held.held_point[d] - held.tip[d] + held.grip[d]));
         }
         const pliant_tool &held = body->data->tools[0];
@@ -157,7 +159,7 @@ TEST_P(EveryMethod, AToolPullsIt)
         EXPECT_NEAR(held.held_point[0] - 0.02, 0.05, 2e-3) << stiffness;
         EXPECT_NEAR(held.force[2], weight, 0.05 * weight) << stiffness;
         if (stiffness == 50 && !moving) EXPECT_NEAR(held.tip[2] - held.grip[2] - held.held_point[2], weight / 50, 0.05 * weight / 50);
-        // it hangs below where it is held
+        // it hangs below the grasped point
         EXPECT_NEAR(centre_of(*body, lower)[0], held.held_point[0], 4e-3) << stiffness;
         pliant_tool_release(body->data, tool);
         const double height = centre_of(*body, lower)[2];
@@ -167,7 +169,7 @@ TEST_P(EveryMethod, AToolPullsIt)
     }
 }
 
-// undo: the piece is whole again where it was cut off; reset: nothing was cut
+// Undo restores the whole body at the cut; reset removes all cuts.
 TEST_P(EveryMethod, UndoMakesItWhole)
 {
     std::unique_ptr<Body> body = hang(GetParam());
@@ -181,7 +183,7 @@ TEST_P(EveryMethod, UndoMakesItWhole)
     step(*body, 10);
     ASSERT_EQ(pliant_data_set_body(body->model, body->data, first), PLIANT_OK) << pliant_last_error();
     EXPECT_FALSE(body->data->falling);
-    std::vector<int32_t> lower; // those on the plane went with the upper half
+    std::vector<int32_t> lower; // the nodes on the plane belong to the upper half
     for (int32_t n : nodes_below(*first, 0.08))
         if (first->fine.rest[3 * n + 2] < 0.08 - 1e-6) lower.push_back(n);
     double most = 0;
@@ -197,7 +199,7 @@ TEST_P(EveryMethod, UndoMakesItWhole)
     EXPECT_EQ(std::memcmp(body->data->positions, body->data->body->fine.rest, 3 * sizeof(double) * lower.size()), 0);
 }
 
-// where nothing stops it, it stops where it is no longer drawn
+// A piece that nothing stops is stopped where it is no longer drawn.
 TEST_P(EveryMethod, OutOfSightItStops)
 {
     std::unique_ptr<Body> body = hang(GetParam());
@@ -221,7 +223,7 @@ TEST_P(EveryMethod, OutOfSightItStops)
     EXPECT_EQ(lowest(*body, lower), there);
 }
 
-// ---- what hangs on a node or two swings there
+// ---- a piece attached to one or two nodes swings
 
 TEST(Falling, OnOneNodeOrTwoItSwings)
 {
@@ -235,20 +237,21 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
         ASSERT_TRUE(now->pieces);
         ASSERT_EQ(now->pieces->num_joints, nodes);
         const std::vector<int32_t> lower = nodes_below(*now, 0.08), upper = nodes_below(*now, 0.08, false);
-        double apart = 0, before = centre_of(*body, lower)[0], least = before, swing[2] = {0, 0}; // of the first and the last 2 s
+        // of the first and the last 2 s
+        double apart = 0, before = centre_of(*body, lower)[0], least = before, swing[2] = {0, 0};
         for (int s = 0; s < 600; s++) {
             step(*body, 1);
-            for (int j = 0; j < nodes && s > 40; j++) // until then it springs back, too
+            for (int j = 0; j < nodes && s > 40; j++) // before that it also springs back
                 for (int d = 0; d < 3; d++)
                     apart = std::fmax(apart, std::fabs(body->data->positions[3 * now->pieces->joint[2 * j] + d] - body->data->positions[3 * now->pieces->joint[2 * j + 1] + d]));
             least = std::fmin(least, centre_of(*body, lower)[0]);
             if (s < 200 || s >= 400) swing[s >= 400] = std::fmax(swing[s >= 400], std::fabs(centre_of(*body, lower)[0]));
         }
         EXPECT_LT(apart, nodes == 1 ? 1e-4 : 1e-3);
-        EXPECT_LT(least, -0.01) << nodes; // to the other side
+        EXPECT_LT(least, -0.01) << nodes; // swings to the other side
         EXPECT_LT(swing[1], 1.02 * swing[0]) << nodes; // no energy is added
-        EXPECT_GT(swing[1], 0.9 * swing[0]) << nodes;  // and air takes none
-        // the rest: as if it had no such nodes
+        EXPECT_GT(swing[1], 0.9 * swing[0]) << nodes;  // and there is no air resistance
+        // the remaining part moves as if it had no such nodes
         step(*alone, 600);
         int others = 0;
         for (int32_t n : upper) others += body->data->positions[3 * n + 2] != alone->data->positions[3 * n + 2];
@@ -256,7 +259,8 @@ TEST(Falling, OnOneNodeOrTwoItSwings)
     }
 }
 
-// At load, too: two cubes that have an edge in common, of which one is fixed. Held where it was, the other was turned inside out.
+// Also in the initial mesh: two cubes with a common edge, one of them fixed. With a fixed position the other one would
+// be inverted.
 TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
 {
     const int size[3] = {8, 8, 4};
@@ -282,7 +286,7 @@ TEST(Falling, WhatHangsOnAnEdgeAtLoadSwingsInExplicitDynamics)
     EXPECT_GT(most, 1e-3);
 }
 
-// nothing is left to solve
+// nothing remains to be solved
 TEST_P(EveryMethod, AllOfItMayComeOff)
 {
     std::unique_ptr<Body> body = hang(GetParam());
@@ -314,10 +318,10 @@ TEST(Falling, APieceOfAPieceGoesOnWithItsVelocity)
     step(*whole, 10);
     const std::vector<int32_t> part = nodes_below(*body->data->body, 0.04);
     const std::vector<int32_t> same = nodes_below(*whole->data->body, 0.04);
-    EXPECT_NEAR(lowest(*body, part), lowest(*whole, same), 1e-4); // each springs back by itself
+    EXPECT_NEAR(lowest(*body, part), lowest(*whole, same), 1e-4); // each part springs back separately
 }
 
-// what another search through all of it finds
+// Expect the same pieces as a search of the whole body.
 void expect_as_searched(const pliant_body &body)
 {
     pliant_division none{};
@@ -342,7 +346,7 @@ TEST(Falling, CutsElsewhereLeavePiecesAsTheyAre)
     const Case severed{"sever", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SEVER; }};
     std::unique_ptr<Body> body = hang(severed, -0.05);
     step(*body, 3);
-    // off, then slits in what stays and in what fell, by height; the last ones take more off
+    // detach a piece, then cut slits into both parts, by height; the last cuts detach more
     const double heights[] = {0.07, 0.11, 0.13, 0.03, 0.12, 0.05, 0.10, 0.02, 0.14}, through[] = {0.1, 0.04, 0.035, 0.04, 0.045, 0.03, 0.1, 0.1, 0.04};
     int most = 0, stayed = 0;
     for (int c = 0; c < 9; c++) {
@@ -365,7 +369,7 @@ TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
     const Case alone{"alone", [](pliant_scene &scene) {
                          scene.solver.refresh_interval = 0;
                          scene.solver.refresh_delay = 1;
-                     }}; // nothing is left in the background after some steps
+                     }}; // nothing remains in the background after some steps
     std::unique_ptr<Body> body = hang(alone), other = hang(alone);
     step(*body, 3);
     step(*other, 3);
@@ -387,7 +391,7 @@ TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
     }
     EXPECT_GT(failed, 40);
     pliant_body_release(next);
-    // and making the body
+    // including the computation of the body
     const size_t held = pliant_memory_in_use();
     for (int64_t n = 0;; n++) {
         pliant_division division{};
@@ -407,7 +411,7 @@ TEST(Falling, WithoutMemoryTheBodyBeforeGoesOn)
     }
 }
 
-// ---- as a blade cuts: fragments, and no plane of elements
+// ---- cuts by a blade: fragments instead of a plane of element faces
 
 TEST_P(EveryMethod, WhatABladeCutsOffFalls)
 {
@@ -425,7 +429,7 @@ TEST_P(EveryMethod, WhatABladeCutsOffFalls)
         count_there++;
     }
     const double height = 0.069 + sag / count_there;
-    const double points[6] = {-0.01, -0.02, 0.077, 0.05, -0.02, 0.061}, depth[3] = {0, 0.1, 0}; // aslant
+    const double points[6] = {-0.01, -0.02, 0.077, 0.05, -0.02, 0.061}, depth[3] = {0, 0.1, 0}; // slanted
     pliant_cut_report report;
     ASSERT_EQ(pliant_data_cut(body->model, body->data, 2, points, depth, &report), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(report.pieces, 2);

@@ -1,5 +1,5 @@
-// What a cut along a plane makes of a body, for tests and benchmarks: tetrahedra that it runs through become two fragments each, which
-// share nodes with what they touch on their own side.
+// Divide a body along a plane, for tests and benchmarks. Each tetrahedron at the plane becomes two fragments, which
+// share nodes with their neighbours on their own side.
 #ifndef PLIANT_TEST_FRAGMENTS_H
 #define PLIANT_TEST_FRAGMENTS_H
 
@@ -25,11 +25,11 @@ struct Plane {
 struct Division {
     std::vector<int32_t> source, corners;
     std::vector<pliant_tet_material> material;
-    int32_t cut = 0; // tetrahedra that were divided
+    int32_t cut = 0; // number of divided tetrahedra
 };
 
-// reaches: whether the cut comes as far as a point (the centre of a tetrahedron). sides: of fragments that earlier strokes in this plane
-// have made, -1 or 1, else 0; grows
+// reaches: whether the cut extends to a point (the centre of a tetrahedron)
+// sides: input and output, extended; side (-1 or 1) of fragments from earlier strokes in this plane, otherwise 0
 inline Division divide_by_plane(const pliant_body &body, const Plane &plane, const std::function<bool(const double *)> &reaches,
                                 std::vector<int8_t> &sides)
 {
@@ -38,7 +38,7 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
     Division out;
     out.corners.assign(mesh.tets, mesh.tets + 4 * tets);
     out.material.assign(body.fine_material, body.fine_material + tets);
-    std::vector<std::array<int32_t, 2>> part(tets); // the fragment on either side; the same twice: all of it; -1: none
+    std::vector<std::array<int32_t, 2>> part(tets); // fragment on either side; both equal: not divided; -1: none
     sides.resize(static_cast<size_t>(tets));
     for (int32_t t = 0; t < tets; t++) {
         double centre[3] = {0, 0, 0}, least = 1e9, most = -1e9, above = 0, all = 0;
@@ -55,7 +55,7 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
             part[t][plane.side(centre) > 0 ? 0 : 1] = -1;
             continue;
         }
-        for (int i = 0; i < 8; i++) // a coarse sum over the tetrahedron
+        for (int i = 0; i < 8; i++) // approximate sum over the tetrahedron
             for (int j = 0; i + j < 8; j++)
                 for (int k = 0; i + j + k < 8; k++) {
                     const double w[4] = {(i + 0.25) / 8, (j + 0.25) / 8, (k + 0.25) / 8, (8 - i - j - k - 0.75) / 8};
@@ -78,7 +78,7 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
         sides[t] = -1;
         sides.push_back(1);
     }
-    // corners join across faces that both fragments have on a side
+    // corners are joined across faces on which both fragments have a part
     const size_t total = out.corners.size();
     std::vector<int32_t> set(total);
     std::iota(set.begin(), set.end(), 0);
@@ -103,7 +103,8 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
                 const int32_t a = part[t][side], b = part[u][side];
                 if (a < 0 || b < 0) continue;
                 bool crosses = true;
-                if (a != t || b != u || part[t][!side] < 0 || part[u][!side] < 0) { // a fragment joins only where it has some of the face
+                // a fragment is joined only if it has a part of the face
+                if (a != t || b != u || part[t][!side] < 0 || part[u][!side] < 0) {
                     crosses = false;
                     for (int32_t n : face) crosses = crosses || (side ? plane.side(mesh.rest + 3 * n) > 0 : plane.side(mesh.rest + 3 * n) < 0);
                 }
@@ -120,7 +121,7 @@ inline Division divide_by_plane(const pliant_body &body, const Plane &plane, con
     int32_t nodes = mesh.num_nodes;
     std::vector<int32_t> node(total, -1);
     std::vector<char> taken(static_cast<size_t>(mesh.num_nodes));
-    // where all around a node hangs together by edges only, it stays one
+    // a node whose surroundings are connected only by edges stays one node
     for (size_t c = 0; c < total; c++) {
         const int32_t r = root(static_cast<int32_t>(c)), was = out.corners[c];
         if (node[r] >= 0) continue;

@@ -1,4 +1,4 @@
-// Patches around what tools hold (model/patch), against the fine solution.
+// Patches around grasps (model/patch), against the fine solution.
 #include "body.h"
 #include "pliant/contact.h"
 
@@ -37,7 +37,7 @@ public:
         EXPECT_EQ(pliant_tool_grasp(body.model, body.data, tool, at), PLIANT_OK) << pliant_last_error();
         return tool;
     }
-    // until as many tools pull at the patch
+    // Step until this number of tools uses the patch.
     void wait(int tools)
     {
         if (body.scene.model.patch == 0) return;
@@ -64,7 +64,7 @@ double apart(const std::vector<double> &a, const std::vector<double> &b)
     return most;
 }
 
-// pulled by a vector, solved; the force in Newton as well
+// Pull by a vector and solve; also return the force in newtons.
 std::vector<double> pulled(Patched &patched, const double by[3], double force[3])
 {
     int tool = patched.take("tool", top);
@@ -112,7 +112,7 @@ TEST(GrabPatch, LargePullsAreNearTheFineSolution)
         std::printf("%s: %.2f %% of the way, %.2f %% of the force\n", kind == PLIANT_LINEAR ? "tetrahedra" : "hexahedra", 100 * off, 100 * (found[2] / force[2] - 1));
         EXPECT_LT(off, 0.05);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(found[d], force[d], 0.05 * std::fabs(force[2]));
-        // the same by that force
+        // same with that force
         Patched by_force(PLIANT_AVERAGED, 0.05, 2, kind);
         int tool = by_force.take("tool", top);
         by_force.wait(1);
@@ -156,7 +156,7 @@ TEST(GrabPatch, HoldingStillMovesNothingAndLettingGoFreesAll)
         for (int s = 0; s < 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
         EXPECT_LT(apart(patched.positions(), before), 1e-8);
         EXPECT_EQ(patched.body.data->statistics.patched, 0);
-        if (round > 0) EXPECT_LE(pliant_memory_in_use(), bytes); // what the first one made stays: the factor for responses
+        if (round > 0) EXPECT_LE(pliant_memory_in_use(), bytes); // the factor for responses stays after the first round
     }
     ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
     EXPECT_EQ(patched.positions(), patched.rest());
@@ -200,13 +200,14 @@ TEST(GrabPatch, AnotherToolComingBackDoesNotLetGoOfThePull)
     ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
     ASSERT_EQ(patched.body.settle(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
-    patched.take("second", beside); // holds what is there
-    ASSERT_EQ(pliant_data_set_limits(patched.body.data, 1, 1e-3), PLIANT_OK); // an evaluation leads nowhere by itself
+    patched.take("second", beside); // grasps the tissue at its position
+    // one evaluation alone does not move anything
+    ASSERT_EQ(pliant_data_set_limits(patched.body.data, 1, 1e-3), PLIANT_OK);
     patched.wait(2);
     EXPECT_LT(apart(patched.positions(), before), 0.02 * 0.02);
 }
 
-// a cube of two coarse cells a side, with a patch
+// A cube with two coarse cells per edge, with a patch.
 struct Small : Body {
     Small() : Body(std::array<int, 3>{{8, 8, 8}}.data(), std::array<double, 3>{{side, side, side}}.data(), {{4000, 0.45, 1000, false}})
     {
@@ -248,7 +249,8 @@ TEST(GrabPatch, AFailedPatchTakesNothingFromThoseThereAre)
         bool began = pliant_step(body.model, data) >= 0;
         for (int s = 0; began && s < 5 && data->statistics.patch_waiting > 0; s++) began = pliant_step(body.model, data) >= 0;
         pliant_memory_fail_after(-1);
-        if (began && data->statistics.patched == 1) { // no patch for the second one: both go on, the second by the coarse model
+        // no patch for the second tool: both continue, the second one with the coarse model
+        if (began && data->statistics.patched == 1) {
             refused++;
             steps(5);
             EXPECT_EQ(data->statistics.patch_waiting, 0) << calls;
@@ -277,7 +279,7 @@ TEST(GrabPatch, AFailedStepIsUndone)
         each->wait(1);
         ASSERT_EQ(pliant_tool_set_drive(data, tool, PLIANT_DRIVE_FORCE, pull), PLIANT_OK);
         ASSERT_EQ(each->body.settle(), PLIANT_OK);
-        ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK); // the coarse model has something to do as well
+        ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK); // so that the coarse model also has a load
         if (each == &patched) {
             const std::vector<double> before = each->positions(), held(data->tools[tool].held_point, data->tools[tool].held_point + 3);
             const size_t coarse = 3 * static_cast<size_t>(data->solver->system->mesh->num_nodes);
@@ -302,11 +304,11 @@ TEST(GrabPatch, AFailedStepIsUndone)
 TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
 {
     Patched patched(PLIANT_AVERAGED, 0.04);
-    patched.body.scene.model.patch_delay = 100000; // never due here
+    patched.body.scene.model.patch_delay = 100000; // never due in this test
     ASSERT_EQ(patched.body.build(), PLIANT_OK);
     const std::vector<double> before = patched.positions();
     size_t bytes = 0;
-    for (int round = 0; round < 20; round++) { // a job is stopped wherever it is
+    for (int round = 0; round < 20; round++) { // jobs are stopped at arbitrary points
         patched.take("tool", round % 2 ? top : beside);
         for (int s = 0; s < 1 + round % 3; s++) ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
         EXPECT_EQ(patched.body.data->statistics.patch_waiting, 1);
@@ -320,11 +322,11 @@ TEST(GrabPatch, LettingGoOfAllDoesNotWaitForThePatch)
     patched.take("tool", top);
     ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
     ASSERT_EQ(pliant_data_reset(patched.body.model, patched.body.data), PLIANT_OK);
-    patched.take("tool", top); // a stop is not for the next one
+    patched.take("tool", top); // a stop does not affect the next job
     patched.wait(1);
 }
 
-// a patch that no hold is left of is given up at once, so that the next hold's is made at once
+// A patch without any remaining grasp is discarded immediately, so that the next grasp's patch starts immediately.
 TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
 {
     const uint64_t delay = 20;
@@ -344,7 +346,7 @@ TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
     const uint64_t taken = statistics->step;
     while (statistics->patched == 0 && statistics->step < 3 * delay) steps(1);
     EXPECT_EQ(statistics->step, taken + delay + 1);
-    // nor does one of two tools that goes on
+    // a continuing second tool does not wait either
     int other = patched.take("other", top);
     steps(1);
     pliant_tool_release(patched.body.data, tool);
@@ -352,7 +354,7 @@ TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
     while (statistics->patch_waiting == 1 && statistics->step < left + 2 * delay) steps(1);
     EXPECT_EQ(statistics->step, left + delay);
     EXPECT_EQ(statistics->patched, 1);
-    // and without any hold it is gone when it would have been there
+    // without any grasp, no patch is installed when it would have been due
     pliant_tool_release(patched.body.data, other);
     steps(1);
     const size_t bytes = pliant_memory_in_use();
@@ -363,7 +365,7 @@ TEST(GrabPatch, AHoldDoesNotWaitForThePatchOfOneThatLetGo)
     EXPECT_EQ(pliant_memory_in_use(), bytes);
 }
 
-// the tolerance is of the tools' work, whatever weight the body carries
+// The tolerance refers to the work of the tools, independently of the body's weight.
 TEST(GrabPatch, GravityDoesNotLoosenTheTolerance)
 {
     double residual[2];
@@ -383,7 +385,7 @@ TEST(GrabPatch, GravityDoesNotLoosenTheTolerance)
         residual[heavy] = patched.body.data->statistics.patch_residual;
     }
     EXPECT_GT(residual[0], 1e-9); // far above rounding
-    EXPECT_NEAR(residual[1], residual[0], 0.2 * residual[0]); // counting the weight as well: 0.6 of it
+    EXPECT_NEAR(residual[1], residual[0], 0.2 * residual[0]); // 0.6 of it if the weight counted
 }
 
 TEST(GrabPatch, SeveralToolsOneAfterTheOther)
@@ -409,7 +411,7 @@ TEST(GrabPatch, SeveralToolsOneAfterTheOther)
         ASSERT_EQ(run.body.settle(), PLIANT_OK);
         states[method == PLIANT_FINE].push_back(run.positions());
         if (method != PLIANT_FINE) EXPECT_EQ(run.body.data->statistics.patched, 1);
-        first = run.take("first", top); // again: the second one goes on
+        first = run.take("first", top); // grasp again while the second one continues
         if (method != PLIANT_FINE) run.wait(2);
         ASSERT_EQ(run.body.settle(), PLIANT_OK);
         states[method == PLIANT_FINE].push_back(run.positions());
@@ -428,7 +430,7 @@ TEST(GrabPatch, TheSameBitsWithAnyNumberOfThreads)
         patched.body.scene.solver.iterations = 4;
         ASSERT_EQ(patched.body.build(), PLIANT_OK);
         int tool = patched.take("tool", top);
-        for (int s = 1; s <= 12; s++) { // pulled before the patch is there, and after
+        for (int s = 1; s <= 12; s++) { // pull before and after the patch is available
             patched.pull(tool, top, 0, 0.001 * s, 0.002 * s);
             ASSERT_GE(pliant_step(patched.body.model, patched.body.data), 0);
         }
@@ -496,7 +498,8 @@ TEST(GrabPatch, SurvivesEveryFailureOfAllocation)
     EXPECT_GT(refused, 20);
 }
 
-// A ball pressed into the top: force and positions as the fine mesh has them, though nothing is held; where it presses next a patch is made as well.
+// A ball is pressed into the top: force and positions equal the fine mesh's, without a grasp. At the next contact,
+// another patch is computed.
 TEST(GrabPatch, WhatPressesIsHeldByThePatchAsByTheFineMesh)
 {
     double force[3];

@@ -1,4 +1,5 @@
-// Jaws take hold of tissue by contact alone, in a whole step: what they close on goes with them, slips out of a weak grip, and comes back whole.
+// Jaws hold tissue by contact alone, in complete steps. The held tissue follows the jaws, slips out of a weak grip, and
+// returns undamaged.
 #include "tongue.h"
 
 #include <cstdio>
@@ -6,10 +7,10 @@
 
 namespace {
 
-// closed to an angle, then pulled up 30 mm, 1 mm a step; opened, and away
+// Close the jaws to an angle, pull up by 30 mm with 1 mm per step, open, and move away.
 struct Pulled {
     double squeezed = 1, least = 1, lifted = 0, force = 0, deepest = 0, last_force = 0, left = 0;
-    int32_t held = 0; // points that press while it is pulled by 4 mm
+    int32_t held = 0; // number of pressed points after a pull of 4 mm
 };
 
 Pulled pull(double jaw, double friction)
@@ -57,7 +58,8 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
     EXPECT_NEAR(weak.last_force, 0, 1e-6) << "it has slipped out";
 }
 
-// The same in explicit dynamics, that is pulled by 12 mm: it is held and goes along, slips out of a weak grip, and no element is turned inside out.
+// Same in explicit dynamics with a pull of 12 mm: strong jaws hold the tissue, it slips out of a weak grip, and no
+// element is inverted.
 TEST(Grasp, JawsGripInExplicitDynamics)
 {
     double lifted[2], force[2];
@@ -88,8 +90,8 @@ TEST(Grasp, JawsGripInExplicitDynamics)
     EXPECT_GT(force[1], 3 * force[0]);
 }
 
-// The same ball pressed into a block of two materials by every method: nodes stay outside with all, and forces are what a coarse element of 50 mm makes of the
-// tissue under a ball of 60 mm: with model/patch they are the fine ones (grab_patch_test).
+// A ball is pressed into a block of two materials with every method. All methods keep nodes outside. The forces reflect
+// a coarse element of 50 mm under a ball of 60 mm; with model/patch they equal the fine ones (grab_patch_test).
 TEST(Press, EveryMethodPressesBesideFine)
 {
     const int size[3] = {24, 24, 24};

@@ -1,4 +1,4 @@
-// Blocks of soft tissue that are pressed, and a half-space's part that stands where theory says.
+// Pressed blocks of soft tissue, and a part of a half-space with boundary displacements from theory.
 #ifndef PLIANT_TEST_HALF_SPACE_H
 #define PLIANT_TEST_HALF_SPACE_H
 
@@ -20,7 +20,7 @@ struct Block : Body {
         scene.solver.threads = 1;
     }
     void fix_below() { fix_plane(0, 0, 1e-4, 0, 0, 1); }
-    // of what is fixed on the tissue
+    // Return the reaction of the fixed nodes on the tissue.
     void reaction(double out[3]) const
     {
         const int32_t nodes = model->system->mesh->num_nodes;
@@ -32,15 +32,16 @@ struct Block : Body {
     }
 };
 
-// Displacement by a pressure on a circle, of Boussinesq's point loads (Johnson, Contact Mechanics, 3.18); z down.
-// Within r lies the part 1 - (1 - (r/a)^2)^power of the force: 3/2 for a sphere (4.2), 1/2 for a flat punch (3.34).
+// Return the displacement by a pressure on a circle from Boussinesq's point loads (Johnson, Contact Mechanics, 3.18); z
+// points down. The fraction of the force within r is 1 - (1 - (r/a)^2)^power: 3/2 for a sphere (4.2), 1/2 for a flat
+// punch (3.34).
 inline void circle_moves(double power, double force, double a, double nu, const double x[3], double u[3])
 {
     const int rings = 6, around = 12;
     const double shear = young / 2 / (1 + nu);
     u[0] = u[1] = u[2] = 0;
     for (int i = 0; i < rings; i++)
-        for (int k = 0; k < around; k++) { /* each of as much force */
+        for (int k = 0; k < around; k++) { /* all with the same force */
             const double part = (i + 0.5) / rings, at = a * std::sqrt(1 - std::pow(1 - part, 1 / power)), turn = 2 * M_PI * (k + 0.5 * i) / around;
             const double from[2] = {x[0] - at * std::cos(turn), x[1] - at * std::sin(turn)}, z = x[2];
             const double r = std::hypot(std::hypot(from[0], from[1]), z), share = force / rings / around / (4 * M_PI * shear * r);
@@ -49,7 +50,7 @@ inline void circle_moves(double power, double force, double a, double nu, const 
         }
 }
 
-// Cut out of a half-space: its sides and bottom stand where the half-space is that is pressed.
+// A part of a half-space: its sides and bottom have the displacements of the pressed half-space.
 struct HalfSpace : Block {
     explicit HalfSpace(int n, pliant_element_kind kind = PLIANT_HEXAHEDRA) : Block(n, n / 2, nu, 0.08)
     {

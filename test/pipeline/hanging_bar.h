@@ -1,4 +1,4 @@
-// A bar that hangs from its top, and the piece that a cut takes off it.
+// A bar that hangs from its top, and a piece that a cut detaches.
 #ifndef PLIANT_TEST_HANGING_BAR_H
 #define PLIANT_TEST_HANGING_BAR_H
 
@@ -49,7 +49,8 @@ const Case hexahedra{"hexahedra", [](pliant_scene &scene) { scene.element.kind =
 const Case relaxed{"relaxation", [](pliant_scene &scene) { explicit_dynamics(scene, true); }};
 const Case dynamic{"tled", [](pliant_scene &scene) { explicit_dynamics(scene, false); }};
 
-// A bar that hangs from its top at z = 0.16; ground: a plane below it, where one is asked for.
+// Create a bar that hangs from its top at z = 0.16.
+// ground: height of a plane below it, if requested
 inline std::unique_ptr<Body> hang(const Case &each, double ground = 1, double friction = 0.3)
 {
     const int size[3] = {8, 8, 32};
@@ -73,7 +74,8 @@ inline std::unique_ptr<Body> hang(const Case &each, double ground = 1, double fr
     return body;
 }
 
-// tetrahedra on the far side of z get copies of the nodes on the plane; keep(node): but not of those
+// Copy the nodes on a plane z for the tetrahedra on its far side.
+// keep(node): exclude these nodes
 inline const pliant_body *divided(const pliant_body &body, uint64_t revision, double z, const std::function<bool(const double *)> &keep = [](const double *) { return false; },
                            double low = -1)
 {
@@ -113,7 +115,7 @@ inline void step(Body &body, int count = 1)
     for (int s = 0; s < count; s++) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
 }
 
-// of nodes whose tetrahedra are below z at rest: centre of mass, or the lowest
+// Return the nodes whose tetrahedra are below (or above) z at rest.
 inline std::vector<int32_t> nodes_below(const pliant_body &body, double z, bool below = true)
 {
     std::vector<char> in(static_cast<size_t>(body.fine.num_nodes));

@@ -1,4 +1,5 @@
-// Coarse hexahedra of a body of one material with a held face beside a free one (fem/coarse/held_edges.c), against fine and converged meshes.
+// Coarse hexahedra of one material with a fixed face next to a free face (fem/coarse/held_edges.c), against fine and
+// converged meshes.
 #include "beam.h"
 
 #include "pliant/memory.h"
@@ -10,7 +11,8 @@ const char *name_of(pliant_method method)
     return method == PLIANT_COARSE ? "coarse" : method == PLIANT_AVERAGED ? "averaged" : method == PLIANT_CALIBRATED ? "calibrated" : "lod";
 }
 
-// across: coarse cubes along 30 mm; the sag over that of the fine hexahedra, less 1
+// Return the sag relative to the fine hexahedra, minus 1.
+// across: number of coarse cubes along 30 mm
 double against_fine(pliant_method method, double poisson, int across, int ratio, double fine)
 {
     Beam beam(PLIANT_HEXAHEDRA, poisson, across);
@@ -35,7 +37,7 @@ TEST(HeldEdges, CoarseBeamsSagAsTheirFineOnes)
         for (int ratio = 2; ratio <= 4; ratio += 2) {
             const double fine = fine_sag(poisson, 3 * ratio);
             for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD}) {
-                if (method == PLIANT_LOD && ratio > 2) continue; // seconds
+                if (method == PLIANT_LOD && ratio > 2) continue; // takes seconds
                 const double error = against_fine(method, poisson, 3, ratio, fine);
                 EXPECT_GT(error, -0.005) << name_of(method);
                 EXPECT_LT(error, 0.005) << name_of(method);
@@ -43,14 +45,14 @@ TEST(HeldEdges, CoarseBeamsSagAsTheirFineOnes)
         }
 }
 
-// What is taken off the elements at the edge is the same part for every size.
+// The reduction of stiffness at the edge is the same fraction for every size.
 TEST(HeldEdges, SmallerCubesAsWell)
 {
     const double fine = fine_sag(0.49, 12);
     for (pliant_method method : {PLIANT_COARSE, PLIANT_AVERAGED}) EXPECT_LT(std::fabs(against_fine(method, 0.49, 6, 2, fine)), 0.005);
 }
 
-// A cube of 4 x 4 x 4 coarse ones, held below.
+// A cube of 4 x 4 x 4 coarse cubes, fixed below.
 struct Cube : Body {
     Cube(pliant_method method, double poisson, int ratio, double contrast = 1)
         : Body(size, box, {{3000, poisson, 1000, false}, {3000 * contrast, poisson, 1000, false}}, [](int i, int j, int k) {
@@ -63,7 +65,7 @@ struct Cube : Body {
         cells(4, 4, 4, ratio);
         fix_plane(0, 0, 1e-4, 0, 0, 1);
     }
-    // the mean way of its nodes under weight along an axis [m]
+    // Return the mean displacement of its nodes under weight along an axis [m].
     double way(int axis)
     {
         scene.model.gravity[axis] = -2;
@@ -75,7 +77,7 @@ struct Cube : Body {
         for (int32_t n = 0; n < fine.num_nodes; n++) sum += fine.rest[3 * n + axis] - data->positions[3 * n + axis];
         return sum / fine.num_nodes;
     }
-    // of every element, by its place in the lattice: the sum of its stiffness' diagonal
+    // Return the trace of the stiffness of every element, by its lattice position.
     std::vector<double> traces() const
     {
         const pliant_macros &macros = *model->system->macros;
@@ -92,7 +94,7 @@ private:
 constexpr int Cube::size[3];
 constexpr double Cube::box[3];
 
-// Nothing was fitted to it: without, 3.3 to 5.7 % stiffer than the fine one.
+// Not used to fit the correction. Without it, the block is 3.3 to 5.7 % stiffer than the fine one.
 TEST(HeldEdges, ABlockUnderItsWeightAcrossAndAlong)
 {
     for (int ratio = 2; ratio <= 4; ratio += 2)
@@ -106,13 +108,14 @@ TEST(HeldEdges, ABlockUnderItsWeightAcrossAndAlong)
         }
 }
 
-// Bodies of cubes of 10 mm under weight across, held at one end or at both. Nothing was fitted to them.
+// Bodies of 10 mm cubes with their weight across, fixed at one end or both. Not used to fit the correction.
 struct Bodies : testing::TestWithParam<int> {};
 struct HeldBody {
     const char *name;
     int cubes[3];
     bool both_ends;
-    double converged[2]; // mean displacement at nu 0.45 and 0.49 [mm], extrapolated from fine hexahedra of 2.5 and 1.25 mm
+    // mean displacement at nu 0.45 and 0.49 [mm], extrapolated from fine hexahedra of 2.5 and 1.25 mm
+    double converged[2];
 };
 const HeldBody held_bodies[] = {{"beam 20 x 40 x 120 mm", {2, 4, 12}, false, {0.728562, 0.724557}},
                                 {"plate 80 x 20 x 80 mm", {8, 2, 8}, false, {0.479920, 0.465597}},
@@ -145,8 +148,8 @@ double mean_way(const HeldBody &held, pliant_method method, double poisson, int 
     return 1e3 * sum / mass;
 }
 
-// Against the converged mesh each is nearer than plain hexahedra of the same size, except an averaged plate at ratio 4. Plates are softer than their
-// own fine mesh.
+// Each is nearer to the converged mesh than plain hexahedra of the same size, except an averaged plate at ratio 4.
+// Plates are softer than their own fine mesh.
 TEST_P(Bodies, AreNearerToTheConvergedMesh)
 {
     const HeldBody &held = held_bodies[GetParam()];
@@ -169,7 +172,7 @@ TEST_P(Bodies, AreNearerToTheConvergedMesh)
 }
 INSTANTIATE_TEST_SUITE_P(HeldEdges, Bodies, testing::Range(0, 4));
 
-// Which cubes: those with a held face beside a free one, by what the material says, and no others.
+// Only cubes with a fixed face next to a free one are softened, depending on the material.
 TEST(HeldEdges, SoftenWhatLiesAtTheEdgeAlone)
 {
     for (double poisson : {0.0, 0.3, 0.49}) {
@@ -187,7 +190,7 @@ TEST(HeldEdges, SoftenWhatLiesAtTheEdgeAlone)
     }
 }
 
-// Between soft and stiff they keep what they had, the more so the more moduli differ.
+// Between soft and stiff tissue the elements are unchanged, the more so the larger the contrast of moduli.
 TEST(HeldEdges, ContrastLeavesThemAsTheyAre)
 {
     double before = 0;

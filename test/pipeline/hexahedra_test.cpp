@@ -1,4 +1,4 @@
-// Trilinear hexahedra (element/kind): neither too stiff in bending nor where tissue is nearly incompressible.
+// Trilinear hexahedra (element/kind): not too stiff in bending, nor for nearly incompressible tissue.
 #include "beam.h"
 #include "fragments.h"
 
@@ -13,7 +13,7 @@
 
 namespace {
 
-// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm; by CalculiX 6.88, 6.80, 6.80 mm.
+// Converged sags of quadratic hexahedra, neo-Hookean: 6.87, 6.79, 6.75 mm; with CalculiX 6.88, 6.80, 6.80 mm.
 TEST(Hexahedra, BeamSagsAsTheConvergedOne)
 {
     const double poisson[3] = {0.45, 0.49, 0.499}, converged[3] = {6.87e-3, 6.79e-3, 6.75e-3};
@@ -47,11 +47,12 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
             double calibrated = ratio == 2 ? coarse_sag(PLIANT_CALIBRATED, poisson[n], ratio) / converged[n] - 1 : coarse;
             std::printf("beam, nu %.3f, coarse cubes of 10 mm, ratio %d: averaged %.1f %%, coarse %.1f %%, calibrated %.2f %%\n", poisson[n], ratio, 100 * averaged,
                         100 * coarse, 100 * calibrated);
-            EXPECT_NEAR(calibrated, coarse, 1e-3); // of one material the coarse cube's own
+            EXPECT_NEAR(calibrated, coarse, 1e-3); // for one material it equals the coarse cube
             EXPECT_LT(std::fabs(averaged), 0.02);
             EXPECT_LT(std::fabs(coarse), 0.02);
         }
-    for (int n = 0; n < 3; n++) { // as soft as the fine hexahedra or softer: its corners alone carry it (src/fem/coarse/NUMERICS.md)
+    // at least as soft as the fine hexahedra, because only its corners carry load (src/fem/coarse/NUMERICS.md)
+    for (int n = 0; n < 3; n++) {
         const double schur = coarse_sag(PLIANT_SCHUR, poisson[n], 2) / converged[n], fine = Beam(PLIANT_HEXAHEDRA, poisson[n], 6).sag() / converged[n];
         std::printf("beam, nu %.3f, ratio 2: schur %.2f times the sag, fine hexahedra %.3f\n", poisson[n], schur, fine);
         EXPECT_GT(schur, fine);
@@ -59,11 +60,12 @@ TEST(Hexahedra, CoarseBeamSagsAsTheConvergedOne)
     for (int n = 1; n < 3; n++) {
         const double lod = coarse_sag(PLIANT_LOD, poisson[n], 2) / converged[n] - 1;
         std::printf("beam, nu %.3f, ratio 2: lod %.1f %%\n", poisson[n], 100 * lod);
-        EXPECT_LT(std::fabs(lod), 0.02); // with all of the bulk modulus in the fine cubes 6.2 % at 0.499
+        EXPECT_LT(std::fabs(lod), 0.02); // 6.2 % at 0.499 with the full bulk modulus in the fine cubes
     }
 }
 
-// What is told of a nearly incompressible beam: one change of volume a cube, small everywhere, while its five tetrahedra change theirs against each other.
+// Scalars of a nearly incompressible beam: one volume change per cube, small everywhere, although the cube's five
+// tetrahedra have opposite changes.
 TEST(Hexahedra, ScalarsAreOfCubes)
 {
     Beam beam(PLIANT_HEXAHEDRA, 0.499, 3);
@@ -82,7 +84,8 @@ TEST(Hexahedra, ScalarsAreOfCubes)
     EXPECT_LT(most, 0.01f);
 }
 
-// The same beam by explicit dynamics, relaxed: one point a cube, and what stands against hourglasses (tled_cubes.h).
+// Return the sag of the same beam in explicit dynamics, relaxed: one integration point per cube, with hourglass control
+// (tled_cubes.h).
 double relaxed_sag(pliant_element_kind kind, double poisson)
 {
     Beam beam(kind, poisson, 3);
@@ -104,8 +107,8 @@ TEST(Hexahedra, BeamRelaxesToTheConvergedSag)
     EXPECT_LT(relaxed_sag(PLIANT_LINEAR, 0.45) / converged[0] - 1, -0.2);
 }
 
-// The stiffness of a free cube about rest, by differences of forces: six rigid motions and nothing else without one, and its largest
-// eigenvalue is the bound that the time step stands on.
+// Stiffness of a free cube at rest by finite differences of forces. It has exactly six zero modes, the rigid motions.
+// Its largest eigenvalue is the bound used for the time step.
 TEST(Hexahedra, AFreeExplicitCubeHasSixZeroModes)
 {
     const int size[3] = {2, 2, 2};
@@ -135,10 +138,11 @@ TEST(Hexahedra, AFreeExplicitCubeHasSixZeroModes)
     std::sort(values.begin(), values.end());
     EXPECT_LT(values[5], 1e-4 * values[23]);
     const double lambda = 3000 * 0.45 / 1.45 / 0.1, mu = 3000 / 2.9, volume = box[0] * box[1] * box[2];
-    EXPECT_NEAR(values[6], volume * mu * 8 * double(system->cubes->bending.least), 1e-2 * values[6]); // the softest way to twist it
-    EXPECT_GT(values[6], 1e-3 * values[23]); // and nothing else goes freely
+    // the softest twisting mode
+    EXPECT_NEAR(values[6], volume * mu * 8 * double(system->cubes->bending.least), 1e-2 * values[6]);
+    EXPECT_GT(values[6], 1e-3 * values[23]); // no other zero mode
     EXPECT_NEAR(values[23], volume * pliant_cube_largest_eigenvalue(box, lambda, mu), 1e-3 * values[23]);
-    const double mass = 1000 * volume / 8; // of a corner; central differences are stable up to 2 / w
+    const double mass = 1000 * volume / 8; // mass of a corner; central differences are stable up to 2 / w
     EXPECT_NEAR(system->eigenvalue_bound, 2 * std::sqrt(mass / values[23]), 1e-3 * system->eigenvalue_bound);
 }
 
@@ -171,7 +175,7 @@ TEST_F(Block, TurnedRigidlyItFeelsNothing)
         double stretch[9] = {1.1, 0, 0, 0, 0.95, 0, 0, 0, 1}, zero[3] = {0, 0, 0};
         EXPECT_LT(largest(force), 1e-7 * largest(body.elastic_force(affine(*system->mesh, stretch, zero))));
         if (method == PLIANT_FINE) continue;
-        const pliant_mesh &fine = body.model->body->fine; // fine nodes follow, but for those that are fixed
+        const pliant_mesh &fine = body.model->body->fine; // fine nodes follow the coarse ones, except fixed ones
         std::vector<double> follows(3 * static_cast<size_t>(fine.num_nodes)), whole = affine(fine, r, shift);
         pliant_upsample_positions(system, turned.data(), follows.data());
         for (int32_t n = 0; n < 3 * fine.num_nodes; n++)
@@ -181,7 +185,7 @@ TEST_F(Block, TurnedRigidlyItFeelsNothing)
     }
 }
 
-// Of a body of one material, a linear displacement leaves no force inside.
+// For one material, a linear displacement causes no internal force.
 TEST(Hexahedra, PatchTest)
 {
     const int size[3] = {12, 12, 12};
@@ -203,7 +207,8 @@ TEST(Hexahedra, PatchTest)
     EXPECT_LT(inside, 1e-6 * largest(force));
 }
 
-// Gravity of cubes: what each weighs at its corners by the shape functions. Of one material an eighth; in all, what the tissue weighs.
+// Gravity of cubes: each corner gets the weight by the shape functions, an eighth for one material. The sum is the
+// weight of the tissue.
 TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
 {
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
@@ -214,7 +219,8 @@ TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
     for (size_t n = 0; n < mass.size(); n++) {
         sum += mass[n];
         whole += body.model->body->node_mass[n];
-        moment[0] += mass[n] * fine.rest[3 * n]; // trilinear functions are linear, too: centres of mass are those of the tetrahedra
+        // trilinear functions are linear, too, so centres of mass equal those of the tetrahedra
+        moment[0] += mass[n] * fine.rest[3 * n];
         moment[1] += body.model->body->node_mass[n] * fine.rest[3 * n];
     }
     EXPECT_NEAR(sum, whole, 1e-12 * whole);
@@ -231,7 +237,8 @@ TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
     }
 }
 
-// Eigenvalues of a free cube, fine or made of eight: six rigid motions, nothing else without stiffness, also of a cube that tissue fills by one voxel.
+// Eigenvalues of a free cube, fine or composed of eight: only the six rigid motions have zero stiffness, also for a
+// cube with one voxel of tissue.
 TEST_F(Block, NoSpuriousZeroModes)
 {
     for (bool almost_empty : {false, true}) for (int ratio = 1; ratio <= 2; ratio++) {
@@ -257,7 +264,7 @@ TEST_F(Block, NoSpuriousZeroModes)
     }
 }
 
-// 1 : 1000, nearly incompressible beside compressible, and a load that turns tissue far: it settles.
+// Contrast 1 : 1000, nearly incompressible next to compressible, and a load with large rotations: it converges.
 TEST_F(Block, SettlesBetweenSoftAndStiff)
 {
     body.scene.model.gravity[0] = 40;
@@ -266,7 +273,7 @@ TEST_F(Block, SettlesBetweenSoftAndStiff)
     EXPECT_EQ(pliant_data_get_inverted(body.data), 0);
 }
 
-// Not asked for by name it takes hexahedra, or tetrahedra where something else is made of those alone; its model tells which.
+// The default is hexahedra, or tetrahedra if another feature requires them; the model reports which.
 TEST_F(Block, TheDefaultIsHexahedraWhereTheyCanBeHad)
 {
     pliant_scene defaults;
@@ -297,7 +304,7 @@ TEST_F(Block, SaysWhatItDoesNotGoWith)
     EXPECT_NE(std::string(pliant_last_error()).find("element/kind"), std::string::npos);
 }
 
-// An octree: one label in balls and specks makes it fine there, so that there are hanging nodes at all of its faces.
+// An octree whose labels in balls and specks refine it locally, so that there are hanging nodes at all faces of cubes.
 struct Octree : Body {
     static std::vector<Material> materials(double contrast) { return {{2000, 0.45, 1000, false}, {2000 * contrast, 0.45, 1000, false}}; }
     explicit Octree(double contrast, double height = 0.08)
@@ -344,7 +351,8 @@ TEST(OctreeHexahedra, PassThePatchTestAndTurn)
     EXPECT_LT(largest(body.elastic_force(affine(fine, r, shift))), 1e-6 * largest(force));
 }
 
-// What is told of its leaves is told of hexahedra, of which larger ones have smaller ones beside them: one number each, at nodes their mean.
+// Scalars of octree leaves are those of hexahedra, also for large leaves next to small ones: one value each, and the
+// mean at nodes.
 TEST(OctreeHexahedra, ScalarsAreOfLeaves)
 {
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
@@ -372,7 +380,8 @@ TEST(OctreeHexahedra, ScalarsAreOfLeaves)
             if (end > begin) (same ? alike[end - begin > 5] : apart)++;
         }
         EXPECT_GT(alike[0], 50);
-        EXPECT_EQ(alike[1] > 5, kind == PLIANT_COROTATIONAL); // in explicit dynamics those beside smaller ones are tetrahedra
+        // in explicit dynamics, leaves next to smaller ones are tetrahedra
+        EXPECT_EQ(alike[1] > 5, kind == PLIANT_COROTATIONAL);
         EXPECT_EQ(apart > 5, kind == PLIANT_TLED);
         ASSERT_EQ(pliant_data_scalar(body.model, body.model->body, bent.data(), PLIANT_SCALAR_STRAIN_ENERGY, of_node.data()), PLIANT_OK);
         for (int32_t v = 0; v < 4 * fine.num_tets; v++) {
@@ -385,8 +394,9 @@ TEST(OctreeHexahedra, ScalarsAreOfLeaves)
     }
 }
 
-// Cut half through, between large leaves and small ones: what is left of hexahedra passes the patch test, nothing that a tetrahedron has follows anything, nodes
-// that no longer follow begin where they were, and it hangs lower than tetrahedra, no lower than the fine lattice that is cut alike.
+// A cut half through between large and small leaves. The remaining hexahedra pass the patch test, no tetrahedron has a
+// hanging node, and nodes that no longer hang start from their positions. It sags more than tetrahedra, and no more
+// than the fine lattice with the same cut.
 TEST(OctreeHexahedra, AreCut)
 {
     const Plane plane{{0.0405, 0.04, 0.04}, {1, 0.1, 0.05}};
@@ -402,7 +412,8 @@ TEST(OctreeHexahedra, AreCut)
         }
         if (which == 2) body.scene.element.kind = PLIANT_LINEAR;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        ASSERT_GE(body.settle(), PLIANT_OK); // nodes that follow are where what they follow is, also once they are free
+        // hanging nodes are at their interpolated positions, also after they become free
+        ASSERT_GE(body.settle(), PLIANT_OK);
         const pliant_body *next = sever_plane(body.data->body, 2, plane, [](const double *x) { return x[2] > 0.03; });
         ASSERT_TRUE(next) << pliant_last_error();
         const std::vector<double> before(body.data->positions, body.data->positions + 3 * body.data->body->fine.num_nodes);
@@ -436,7 +447,7 @@ TEST(OctreeHexahedra, AreCut)
             pliant_system_gather(system, reinterpret_cast<double (*)[12][LANES]>(room.data()), force.data());
             for (int32_t f = 0; f < system->num_free; f++) {
                 const int32_t n = system->node_of_free[f];
-                bool edge = beside[n]; // forces of a face go to its corners otherwise in a tetrahedron
+                bool edge = beside[n]; // a tetrahedron distributes the forces of a face differently to its corners
                 for (int d = 0; d < 3; d++) edge = edge || fine.rest[3 * n + d] < 1e-9 || fine.rest[3 * n + d] > 0.08 - 1e-9;
                 for (int d = 0; d < 3 && !edge; d++) inside = std::fmax(inside, std::fabs(force[3 * f + d]));
             }
@@ -452,7 +463,8 @@ TEST(OctreeHexahedra, AreCut)
     EXPECT_GT(tip[1], 1.05 * tip[2]);
 }
 
-// Explicit dynamics of an octree: leaves of every size have the forces of an affine displacement, and it relaxes nearer to the fine lattice than tetrahedra do.
+// Explicit dynamics of an octree: leaves of every size have the forces of an affine displacement. The relaxed result is
+// nearer to the fine lattice than tetrahedra.
 TEST(OctreeHexahedra, AreExplicitToo)
 {
     double tip[3];
@@ -506,7 +518,8 @@ TEST(OctreeHexahedra, AreExplicitToo)
     EXPECT_GT(tip[1], 1.05 * tip[2]);
 }
 
-// Between a ball a hundred times as stiff and the rest it goes where a lattice as fine as its smallest leaves goes, and nearer than tetrahedra's octree.
+// With a ball a hundred times as stiff as the rest, its displacement is near that of a lattice with the size of its
+// smallest leaves, and nearer than an octree of tetrahedra.
 TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
 {
     double sum[3], most = 0;
@@ -541,7 +554,7 @@ TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
     EXPECT_LT(sum[1], 0.5 * sum[2]);
 }
 
-// Where the fine nodes of a body of three materials go under its weight, one a thin sheet; the mean distance from `from`, of the largest way.
+// Return the positions of the fine nodes of a body of three materials, one a thin sheet, under its weight.
 std::vector<double> sagged(pliant_element_kind kind, pliant_method method)
 {
     const int size[3] = {16, 16, 16};

@@ -1,4 +1,4 @@
-// A hollow in a block that is squeezed until it closes.
+// A cavity in a block closes under compression.
 #include "body.h"
 
 #include <algorithm>
@@ -8,7 +8,7 @@ namespace {
 
 constexpr double h = 0.005;
 
-// 40 x 10 x 30 mm; a tunnel of 20 x 10 mm goes through it
+// A block of 40 x 10 x 30 mm with a tunnel of 20 x 10 mm.
 struct Hollow : Body {
     int tool = -1;
     double tip[3] = {4 * h, h, 6 * h};
@@ -41,7 +41,7 @@ struct Hollow : Body {
         EXPECT_EQ(pliant_tool_set_pose(data, tool, tip, nullptr), PLIANT_OK);
         EXPECT_GE(pliant_step(model, data), PLIANT_OK) << pliant_last_error();
     }
-    // how many tetrahedra a point is in
+    // Return the number of tetrahedra that contain a point.
     int holders(const double p[3]) const
     {
         const pliant_mesh &mesh = data->body->fine;
@@ -68,7 +68,8 @@ struct Hollow : Body {
         }
         return count;
     }
-    // of random points, over what the hollow was: open: how much of it is left; twice: how much tissue lies in tissue
+    // Estimate volumes from random points in the initial cavity.
+    // open: fraction that is still open; twice: volume covered by tissue twice
     void volumes(double *open, double *twice) const
     {
         const int points = 1500;
@@ -116,8 +117,9 @@ TEST(Hollow, GoesIntoItselfWithoutSelfContact)
     EXPECT_GT(twice, 0.05);
 }
 
-// Tissue of coarse methods overlaps at most 1.5 times as much as that of the fine mesh. The two sides of a contact point get
-// opposite forces. These act at one place, up to the penetration and to the distance by which the sides slid in the step.
+// With coarse methods, tissue overlaps at most 1.5 times as much as with the fine mesh. The two sides of a contact
+// point get opposite forces. They act at the same position, up to the penetration depth and the sliding distance of the
+// step.
 TEST(Hollow, ClosesByCoarseMethodsAsByTheFineMesh)
 {
     double of_fine = 0;

@@ -1,4 +1,4 @@
-// Blades through tissue, step by step: what they part, what it takes, and what is left as it was.
+// Blades through tissue, step by step: the cut, its work, and the unchanged rest.
 #include "cuts.h"
 #include "sim/step/cut.h"
 #include "pliant/memory.h"
@@ -30,7 +30,7 @@ const Kind dynamic{"tled", [](pliant_scene &scene) {
 
 const Kind subdivided{"subdivide", [](pliant_scene &scene) { scene.cut.kind = PLIANT_CUT_SUBDIVIDE; }};
 
-// A slab of liver that lies on what holds it, a blade across it.
+// A slab of liver on a fixed base, with a blade across it.
 struct Slab : Body {
     int tool = -1;
     std::string said;
@@ -66,7 +66,7 @@ struct Slab : Body {
         return told;
     }
     void step() { ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error(); }
-    // downwards at a speed; forces and heights of every step
+    // Move down at a speed; return forces and heights of every step.
     void stroke(double x, double from, double to, double speed, std::vector<double> *forces = nullptr, double *work = nullptr)
     {
         const double way = speed * scene.solver.step;
@@ -83,7 +83,7 @@ struct Slab : Body {
             if (forces) forces->push_back(now);
         }
     }
-    // what stretches the tissue [J], of each element by its own stiffness
+    // Return the strain energy [J], with each element's own stiffness.
     double strain_energy() const
     {
         std::vector<float> density(static_cast<size_t>(data->body->fine.num_tets));
@@ -92,7 +92,7 @@ struct Slab : Body {
         for (int32_t t = 0; t < data->body->fine.num_tets; t++) sum += density[t] * pliant_mesh_gradients(&data->body->fine, t, gradients);
         return sum;
     }
-    double height_energy() const // of gravity [J]
+    double height_energy() const // gravitational energy [J]
     {
         double sum = 0;
         for (int32_t n = 0; n < data->body->fine.num_nodes; n++)
@@ -121,17 +121,17 @@ TEST_P(EveryKind, AStrokeTakesToughnessTimesItsArea)
     const double peak = *std::max_element(forces.begin(), forces.end());
     EXPECT_GT(peak, 1.5 * toughness * width);
     EXPECT_LT(peak, 3.5 * toughness * width);
-    int drops = 0; // sudden ones
+    int drops = 0; // number of sudden drops
     for (size_t n = 1; n < forces.size(); n++) drops += forces[n - 1] > toughness * width && forces[n] < 0.3 * toughness * width;
     EXPECT_GE(drops, 5) << "a saw-tooth";
     EXPECT_FALSE(told.holding);
     EXPECT_EQ(slab.said, "");
 }
 
-// Steps that take the blade a third as far as `cut/drag` and further: strokes from several heights through whole tissue.
+// Steps move the blade by a third of `cut/drag` and more: strokes from several heights through undamaged tissue.
 TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
 {
-    if (GetParam().name == subdivided.name) return; // parts a triangle at a time, behind the blade
+    if (GetParam().name == subdivided.name) return; // separates one triangle at a time, behind the blade
     for (double way : {0.001, 0.0015, 0.002, 0.003, 0.0045, 0.006}) {
         double work = 0, area = 0, most = 0;
         for (int n = 0; n < 4; n++) {
@@ -150,7 +150,7 @@ TEST_P(EveryKind, AStepThatGoesFarTakesToughnessTimesItsAreaToo)
     }
 }
 
-// Slow, fast, slow, fast through a slab: what is parted is not paid for twice, and no force is of a way that has parted.
+// Slow, fast, slow, fast through a slab: no cut is paid twice, and no force acts along a path that is already cut.
 TEST_P(EveryKind, ABladeThatChangesItsSpeedTakesNoMore)
 {
     if (GetParam().name == subdivided.name) return;
@@ -185,10 +185,10 @@ TEST_P(EveryKind, NothingIsCutThatABladeDoesNotSweep)
     slab.stroke(0.0405, 0.05, 0.036, 0.05); // in the air
     EXPECT_FALSE(slab.state().engaged);
     slab.cutting(false);
-    slab.place(0.0405, 0.02); // into the tissue, off
+    slab.place(0.0405, 0.02); // into the tissue, switched off
     slab.step();
     slab.cutting(true);
-    for (int s = 0; s < 10; s++) slab.step(); // on, and at rest
+    for (int s = 0; s < 10; s++) slab.step(); // switched on, at rest
     EXPECT_TRUE(slab.state().engaged);
     EXPECT_NEAR(slab.state().engaged_length, width, 0.1 * width);
     EXPECT_EQ(slab.state().severed_area, 0);
@@ -204,12 +204,13 @@ TEST_P(EveryKind, TheSameStrokeTwiceCutsNothingMoreAndIsNotFelt)
     const uint64_t revision = slab.data->body->revision;
     const int32_t nodes = slab.data->body->fine.num_nodes;
     slab.cutting(false);
-    for (int s = 0; s < 50; s++) slab.step(); // until nothing swings
+    for (int s = 0; s < 50; s++) slab.step(); // until nothing oscillates
     std::vector<double> forces;
     slab.stroke(0.0401, 0.034, -0.003, 0.05, &forces);
     EXPECT_EQ(slab.state().severed_area, area);
     EXPECT_EQ(slab.data->body->fine.num_nodes, nodes);
-    if (slab.data->body->voxels) EXPECT_EQ(slab.data->body->revision, revision); // a mesh that is subdivided keeps where strokes went
+    // a subdivided mesh stores where strokes passed
+    if (slab.data->body->voxels) EXPECT_EQ(slab.data->body->revision, revision);
     EXPECT_LT(*std::max_element(forces.begin(), forces.end()), 0.01 * toughness * width);
 }
 
@@ -288,7 +289,7 @@ TEST(Knife, WhatJumpsOrIsLostCutsNothingOnItsWay)
     EXPECT_TRUE(slab.state().cutting);
 }
 
-// Also in the step after it was switched on; once each time that it is on.
+// Also in the step after it was switched on; reported once for each time that it is on.
 TEST(Knife, ABladeThatIsTooFastIsToldOnce)
 {
     Slab slab(fine, 0);
@@ -309,7 +310,7 @@ TEST(Knife, ABladeThatIsTooFastIsToldOnce)
     EXPECT_EQ(warnings(), 1) << slab.said;
     EXPECT_EQ(slab.data->body, slab.model->body) << "nothing is cut";
     slab.cutting(false);
-    slab.place(0.0405, 0.05); // where it is switched on is where it comes from
+    slab.place(0.0405, 0.05); // it starts at the position where it is switched on
     slab.cutting(true);
     slab.step();
     EXPECT_EQ(warnings(), 1) << slab.said;
@@ -344,14 +345,14 @@ TEST(Knife, WhatIsUndoneAtOnceGoesOn)
     ASSERT_EQ(pliant_data_cut(slab.model, slab.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_undo_cut(slab.model, slab.data), PLIANT_OK);
     ASSERT_EQ(pliant_tool_grasp(slab.model, slab.data, slab.tool, rest), PLIANT_OK);
-    for (int s = 0; s < 40; s++) { // factors are made anew all the time
+    for (int s = 0; s < 40; s++) { // factors are recomputed continually
         slab.place(0.02 + 5e-4 * s, 0.03 + 5e-4 * s);
         slab.step();
     }
     EXPECT_GE(slab.data->statistics.factors, 3u);
 }
 
-// beside a cut, within elements that it divides: what is held is what lies there
+// Next to a cut, within divided elements: the tool grasps the tissue on its own side.
 TEST(Knife, AToolHoldsTheSideThatItIsOn)
 {
     Slab slab(fine, 0);
@@ -380,7 +381,8 @@ TEST(Knife, AToolHoldsTheSideThatItIsOn)
     }
 }
 
-// Blades at a slant through a bar that bends by half its length while it is cut; ends that hang by little more than a node turn far in a step.
+// Slanted blades through a bar that bends by half its length during the cut. Ends attached to one or two nodes rotate
+// by large angles in a step.
 TEST(Knife, WhatHangsByLittleStaysWhereItHangs)
 {
     std::mt19937 random(11);
@@ -475,8 +477,8 @@ TEST(Knife, ABladeOfAToolThatHasNoneIsRefused)
     EXPECT_EQ(pliant_blade_find("axe", a, b), PLIANT_ERROR_ARGUMENT);
 }
 
-// As contact.h and data.h have them: along the instrument or across it, the far end at the tip. A bar twice as wide as the edge is long is severed over half of
-// its width by one stroke, and in two by another one beside it.
+// Named blades as in contact.h and data.h: along the instrument or across it, with the far end at the tip. One stroke
+// severs half of a bar twice as wide as the edge; an adjacent one separates it.
 TEST(Knife, EveryNamedBladeHasItsEdge)
 {
     const struct { const char *name; int along; double length, way; } blades[] = {{"scalpel", 2, 0.02, -1}, {"scissors", 2, 0.01, -1}, {"hook", 1, 0.004, 1}};
@@ -523,7 +525,7 @@ TEST(Knife, EveryNamedBladeHasItsEdge)
     }
 }
 
-// What is stepped by two threads is cut as by one: the same fragments, nodes and places, to the bit.
+// Two threads give bitwise identical cuts to one: the same fragments, nodes and positions.
 TEST(Knife, OneThreadOrTwoCutTheSame)
 {
     const Kind hexahedra{"hexahedra", [](pliant_scene &scene) { scene.element.kind = PLIANT_HEXAHEDRA; }};
@@ -557,7 +559,7 @@ TEST(Knife, OneThreadOrTwoCutTheSame)
     }
 }
 
-// of the phantom's liver, in a scan with air, many materials and elements that are partly empty
+// The phantom's liver, in a scan with air, many materials and partially filled elements.
 TEST(Knife, AStrokeThroughThePhantomsLiver)
 {
     pliant_scene scene;
@@ -571,7 +573,7 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
     ASSERT_EQ(pliant_inputs_read(&scene, "phantom:80x56x68", &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_data_create(model, &data), PLIANT_OK);
-    // the plane between two layers of voxels, and what of it lies in the liver
+    // the plane between two voxel layers, and its area within the liver
     const int32_t *count = scan.geometry.size, layer = 37;
     const double x = scan.geometry.origin[0] + scan.geometry.direction[0] * (layer + 0.45) * scan.geometry.spacing[0];
     const uint8_t *material = pliant_model_get_voxel_materials(model);
@@ -609,7 +611,7 @@ TEST(Knife, AStrokeThroughThePhantomsLiver)
     pliant_volume_free(&scan);
 }
 
-// no memory at any point: the tissue stays as it is, said once, and the next try succeeds
+// Without memory at any point, the tissue stays undamaged; this is logged once, and the next attempt succeeds.
 TEST(Knife, WithoutMemoryTheTissueStaysWhole)
 {
     Slab slab(fine, 0);

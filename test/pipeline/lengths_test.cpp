@@ -1,4 +1,4 @@
-// Lengths that are auto follow from the size of the body; those of patients are what they are.
+// Automatic lengths follow from the size of the body; for patients they have their usual values.
 #include "pipeline/body.h"
 #include "pliant/report.h"
 #include "pliant/session.h"
@@ -23,7 +23,7 @@ struct Told {
     ~Told() { pliant_set_log(nullptr, nullptr); }
 };
 
-// A block of tissue, `edge` [m] long, that fills its scan but for an eighth of air along i
+// A block of tissue with a length of `edge` [m], which fills its scan except for an eighth of air along i.
 struct Block : Body {
     explicit Block(double edge) : Block(edge, edge, edge) {}
     Block(double x, double y, double z)
@@ -109,7 +109,8 @@ TEST(Lengths, AVolumeThatCannotBeHeldIsRefused)
     EXPECT_NE(std::string(pliant_last_error()).find("the deformed volume (warp/margin)"), std::string::npos) << pliant_last_error();
 }
 
-// Reports and the choice of settings pull small bodies, too: 6 mm behind the front, by 3 cm, is outside of them.
+// Reports and the choice of settings also pull small bodies, for which the patient's lengths (6 mm behind the front, 3
+// cm) would lie outside.
 TEST(Lengths, OfReportsFollowFromTheBody)
 {
     Block small(0.0013), patient(0.2);
@@ -141,7 +142,7 @@ TEST(Lengths, AreWordsOfAScene)
     EXPECT_EQ(std::memcmp(&scene, &again, sizeof scene), 0);
 }
 
-// The scans that are at hand are of patients.
+// The available scans are of patients.
 TEST(Lengths, OfScansAtHandAreTheSameAsEver)
 {
     for (const char *name : {"phantom", "phantom:120x84x102", PLIANT_TEST_DATA "/abdomen/ct.nii.gz", PLIANT_TEST_DATA "/thorax/ct.mha",

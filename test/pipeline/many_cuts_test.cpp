@@ -1,5 +1,5 @@
-// Cut after cut in one simulation: nothing is left over, what does not change is shared, what follows is as made anew, and what is drawn is what a warp
-// made anew draws.
+// Many cuts in one simulation: no memory leaks, unchanged data are shared, derived data equal recomputed ones, and the
+// rendered volume equals that of a new warp.
 #include "../cuts.h"
 #include "sim/build/discretization.h"
 
@@ -13,7 +13,7 @@ namespace {
 const int size[3] = {28, 24, 24};
 const double box[3] = {0.14, 0.12, 0.12};
 
-// 2 cm long, half as deep
+// Cut a slit, 2 cm long and half as deep.
 void slit(Body &body, std::mt19937 &random)
 {
     std::uniform_real_distribution<double> unit(-1, 1);
@@ -38,7 +38,8 @@ struct ManyCuts : testing::Test {
         body.scene.cut.kind = PLIANT_CUT_SEVER;
         body.scene.solver.iterations = 2;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-        for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) voxels[v] = static_cast<uint8_t>(random() % 200); // to be told apart
+        // distinguishable values
+        for (size_t v = 0; v < pliant_geometry_voxels(&body.scan.geometry); v++) voxels[v] = static_cast<uint8_t>(random() % 200);
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
         ASSERT_GE(pliant_step(body.model, body.data), 0);
     }
@@ -62,14 +63,15 @@ TEST_F(ManyCuts, LeaveNothingBehind)
     ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
     const size_t before = pliant_memory_in_use();
     size_t held[3];
-    for (size_t &bytes : held) { // the same hundred
+    for (size_t &bytes : held) { // the same hundred cuts each time
         random.seed(3);
         cuts(100);
         EXPECT_GT(body.data->body->cuts->num_links, 300);
-        for (int step = 0; step < 20; step++) ASSERT_GE(pliant_step(body.model, body.data), 0); // what is made in the background is there, however busy the machine is
+        // enough steps for all background results on a busy machine
+        for (int step = 0; step < 20; step++) ASSERT_GE(pliant_step(body.model, body.data), 0);
         bytes = pliant_memory_in_use();
         ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
-        EXPECT_LT(pliant_memory_in_use(), before + (before >> 4)); // lists of the warp keep their room
+        EXPECT_LT(pliant_memory_in_use(), before + (before >> 4)); // lists of the warp keep their capacity
     }
     EXPECT_LT(held[2], held[0] + (held[0] >> 4));
 }
@@ -96,7 +98,7 @@ template <class T> void expect_same(const T *a, const T *b, size_t count, const 
     EXPECT_EQ(std::memcmp(a, b, count * sizeof *a), 0) << what;
 }
 
-// lists that are followed by what differs, against those of all nodes and elements
+// Compare incrementally updated lists with those of all nodes and elements.
 void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
 {
     const pliant_discretization *anew = nullptr;
@@ -122,7 +124,7 @@ void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
     pliant_discretization_release(anew);
 }
 
-// positions of the next body: what there was stays, copies lie where their sources do
+// Positions of the next body: existing nodes keep theirs, and copies are at their source.
 void expect_carried(const pliant_body &was, const std::vector<double> &x, const pliant_data &data)
 {
     const pliant_body &is = *data.body;
@@ -135,7 +137,7 @@ void expect_carried(const pliant_body &was, const std::vector<double> &x, const 
     if (!data.falling) expect_same(data.solver->now.x, data.positions, 3 * static_cast<size_t>(is.fine.num_nodes), "state of the solver");
 }
 
-// random strokes, some of which cut a corner off, with steps, undo and a copy that goes its own way
+// Random strokes, some of which cut off a corner, with steps, undo and an independent copy.
 TEST_F(ManyCuts, FollowAsMadeAnew)
 {
     body.cells(14, 12, 12, 1); // arrays of many pieces
@@ -194,7 +196,7 @@ struct Held {
 };
 struct EveryHolder : testing::TestWithParam<Held> {
     Body body{size, box, {{4000, 0.4, 1000, false}}};
-    // the model alone: what a test makes with it, it counts
+    // Build the model only; the test counts what it allocates itself.
     void build(int threads)
     {
         body.fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -208,7 +210,7 @@ struct EveryHolder : testing::TestWithParam<Held> {
         pliant_data_free(body.data);
         body.data = nullptr;
     }
-    // with a slit, and without it again, twenty times; another holds its body and works beside it
+    // Cut and undo a slit twenty times, while another simulation holds the body and runs in parallel.
     static void slits(Body &body, pliant_data *data, int count)
     {
         for (int c = 0; c < count; c++) {
@@ -222,13 +224,13 @@ struct EveryHolder : testing::TestWithParam<Held> {
     }
 };
 
-// What the statistics call held is what all of the library holds beyond the model, to the byte, whatever worked beside it.
+// The memory in the statistics equals the library's memory beyond the model, to the byte, whatever runs in parallel.
 TEST_P(EveryHolder, TellsItsOwnBytes)
 {
     build(2);
     if (HasFatalFailure()) return;
     const size_t before = pliant_memory_in_use();
-    const auto held = [&] { // the background works on after a step
+    const auto held = [&] { // the background continues after a step
         size_t bytes = pliant_memory_in_use() - before;
         for (int tries = 0; tries < 500 && body.data->statistics.bytes != bytes; tries++) {
             std::this_thread::sleep_for(std::chrono::milliseconds(2));
@@ -272,8 +274,9 @@ TEST_P(EveryHolder, TellsItsOwnBytes)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
-// What malloc has given and not got back [bytes]; nothing is known with a sanitizer. What this thread keeps of what it has freed (glibc's tcache, 7 blocks of
-// each size up to 1032 bytes) counts as given: filled, it is as much each time.
+// Return the memory from malloc that was not freed [bytes]; unknown with a sanitizer. Freed blocks in this thread's
+// cache (glibc's tcache, 7 blocks of each size up to 1032 bytes) count as allocated. Filling the cache makes their
+// amount constant.
 double given_by_malloc()
 {
     std::vector<std::unique_ptr<char[]>> freed;
@@ -289,18 +292,19 @@ double given_by_malloc()
     return static_cast<double>(now.uordblks) + static_cast<double>(now.hblkhd);
 }
 
-// Slits at random, each taken back: after every hundred, which are the same ones, to the byte as much is held as after the first, and when the
-// simulation ends nothing is, of what the library counts and of what malloc has given it. 400, or as many as PLIANT_CUTS says.
+// Random slits, each one undone. After every hundred, which are the same, the memory equals that after the first
+// hundred, to the byte. After the simulation ends nothing is allocated, neither by the library's count nor by malloc's.
+// 400 slits, or PLIANT_CUTS.
 TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
 {
     const char *const asked = std::getenv("PLIANT_CUTS");
     const int rounds = std::max((asked ? std::atoi(asked) : 400) / 100, 2);
-    build(1); // no other threads keep anything
+    build(1); // no other threads that keep memory
     if (HasFatalFailure()) return;
     const size_t before = pliant_memory_in_use();
     double left[2];
     int taken[2] = {0, 0};
-    for (int life = 0; life < 2; life++) { // what is made once a process is made in the first
+    for (int life = 0; life < 2; life++) { // allocations that occur once per process happen in the first round
         ASSERT_EQ(pliant_data_create(body.model, &body.data), PLIANT_OK);
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &body.scan.geometry), PLIANT_OK) << pliant_last_error();
         size_t held = 0;
@@ -310,7 +314,7 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
                 const pliant_body *const whole = body.data->body;
                 slit(body, random);
                 if (HasFatalFailure()) return;
-                if (body.data->body == whole) continue; // beside the tissue
+                if (body.data->body == whole) continue; // the slit missed the tissue
                 taken[life]++;
                 if (c % 10 == 0) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
                 ASSERT_EQ(pliant_data_undo_cut(body.model, body.data), PLIANT_OK) << pliant_last_error();
@@ -327,7 +331,7 @@ TEST_P(EveryHolder, HoldsNothingOfCutsThatAreTakenBack)
         left[life] = given_by_malloc();
     }
     RecordProperty("more", std::to_string(left[1] - left[0]));
-    EXPECT_LT(left[1] - left[0], 32 * (taken[1] - taken[0])); // not one of the smallest blocks a cut
+    EXPECT_LT(left[1] - left[0], 32 * (taken[1] - taken[0])); // less than the smallest block per cut
 }
 
 const Held holders[] = {

@@ -1,4 +1,4 @@
-// Every method on bodies as scans have them: speckled, with loose fragments and bone everywhere.
+// Every method on bodies like those from scans: speckled, with loose fragments and scattered bone.
 #include "body.h"
 
 #include <sys/stat.h>
@@ -7,7 +7,7 @@ namespace {
 
 const pliant_method methods[] = {PLIANT_FINE, PLIANT_COARSE, PLIANT_SCHUR, PLIANT_AVERAGED, PLIANT_CALIBRATED, PLIANT_LOD};
 
-// 0: air, 1: tissue, 2: bone; patches of 3^3 voxels drawn by a hash, the lower third solid
+// Return the material 0: air, 1: tissue, 2: bone; random patches of 3^3 voxels from a hash, the lower third solid.
 int speckle(int i, int j, int k, unsigned seed)
 {
     unsigned h = seed + 73856093u * unsigned(i / 3) ^ 19349663u * unsigned(j / 3) ^ 83492791u * unsigned(k / 3);
@@ -20,7 +20,7 @@ int speckle(int i, int j, int k, unsigned seed)
 void step_under_gravity(Body &body)
 {
     for (pliant_method method : methods) {
-        if (method == PLIANT_LOD && body.scene.mesh.ratio > 2) continue; // seconds
+        if (method == PLIANT_LOD && body.scene.mesh.ratio > 2) continue; // takes seconds
         body.scene.model.method = method;
         ASSERT_EQ(body.build(), PLIANT_OK) << "method " << method << ": " << pliant_last_error();
         pliant_status status = pliant_step(body.model, body.data);
@@ -61,7 +61,7 @@ TEST(Methods, RealScansAsTheyAreLoaded)
             pliant_material_table table{};
             ASSERT_EQ(pliant_inputs_read(&scene, (folder + name).c_str(), &scan, &labels, &table), PLIANT_OK) << pliant_last_error();
             for (pliant_method method : methods) {
-                if (method == PLIANT_LOD && cells > 7) continue; // seconds
+                if (method == PLIANT_LOD && cells > 7) continue; // takes seconds
                 scene.model.method = method;
                 pliant_model *model = nullptr;
                 EXPECT_EQ(pliant_model_build(&scene, &scan, nullptr, &table, {nullptr, nullptr}, &model), PLIANT_OK)

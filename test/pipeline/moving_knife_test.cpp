@@ -1,4 +1,5 @@
-// Blades through tissue that moves at 0.2 m/s meanwhile, step by step: what lies on both sides of one's way hangs together nowhere.
+// Blades through tissue that moves at 0.2 m/s during the stroke. The tissue on both sides of the cut must be completely
+// separated.
 #include "cuts.h"
 
 #include <cstdlib>
@@ -15,10 +16,10 @@ int number_from(const char *name, int otherwise)
     return asked ? std::atoi(asked) : otherwise;
 }
 
-// Where a plane through the bar lies, and how a blade goes along it.
+// A plane through the bar, and the motion of a blade along it.
 struct Way {
-    double at, lean, tilt;  // where it crosses the bar's axis [m]; its edge and its way, along the axis
-    int across;             // the axis that it goes along
+    double at, lean, tilt;  // intersection with the bar's axis [m]; slope of the edge and of the motion, along the axis
+    int across;             // axis of the motion
     double sign, speed;     // [m/s]
     explicit Way(std::mt19937 &random)
     {
@@ -32,11 +33,11 @@ struct Way {
     }
 };
 
-// A bar whose left end is held, and what shakes it: its weight, or forceps at its other end.
+// A bar with its left end fixed, moved by its weight, or by forceps at its other end.
 struct Bar : Body {
     int knife = -1, forceps = -1;
     std::vector<double> last;
-    double fastest = 0; // of a node [m/s]
+    double fastest = 0; // maximum node speed [m/s]
     double phase;
 
     Bar(int run, double resistance) : Body(size, box, {{5500, 0.45, 1060, false}}), phase(run)
@@ -69,7 +70,7 @@ struct Bar : Body {
             ASSERT_EQ(pliant_data_set_gravity(data, gravity), PLIANT_OK);
             return;
         }
-        const double reach = 0.012, turn = most_speed / reach; // around in a circle, and to and fro
+        const double reach = 0.012, turn = most_speed / reach; // in a circle, and back and forth
         const double tip[3] = {0.075 + 0.3 * reach * std::sin(0.7 * turn * time), 0.012 + reach * (std::cos(turn * time) - 1), 0.016 + reach * std::sin(turn * time)};
         ASSERT_EQ(pliant_tool_set_pose(data, forceps, tip, nullptr), PLIANT_OK);
     }
@@ -80,7 +81,7 @@ struct Bar : Body {
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
         for (size_t n = 0; n < load; n++) fastest = std::max(fastest, std::fabs(data->positions[n] - last[n]) / scene.solver.step);
     }
-    // as far as a share of its way
+    // Move the blade along a fraction of its path.
     void stroke(const Way &way, double share = 1)
     {
         const double reach = 0.06, step_way = way.speed * scene.solver.step;
@@ -99,7 +100,7 @@ struct Bar : Body {
             step();
         }
     }
-    // whether an end hangs together with the other
+    // Return whether both ends are connected.
     bool is_whole() const
     {
         const pliant_mesh &mesh = data->body->fine;
@@ -117,7 +118,7 @@ struct Bar : Body {
     }
 };
 
-// With resistance, its blade drags the tissue along until it slips.
+// With resistance, the blade drags the tissue until it slips.
 struct EveryResistance : testing::TestWithParam<int> {};
 
 TEST_P(EveryResistance, BothSidesOfItsWayAreApart)
@@ -156,7 +157,7 @@ std::unique_ptr<Cuttable> bar_at_rest()
 
 int num_cuts(const Cuttable &bar) { return bar.now->cuts ? bar.now->cuts->num_cuts : 0; }
 
-// along y, from one height to another at a place along x
+// Sweep along y, from one height to another at a position along x.
 void sweep(Cuttable &bar, const double x[2], const double z[2], double lean, uint32_t stroke, uint32_t blade = 0)
 {
     const double from[6] = {x[0] - lean, -0.01, z[0], x[0] + lean, 0.034, z[0]}, to[6] = {x[1] - lean, -0.01, z[1], x[1] + lean, 0.034, z[1]};
@@ -181,7 +182,7 @@ TEST(MovingKnife, SweepsThatMeetSeverNothingMoreThanEachByItself)
             const double lean = 0.006 * unit(random);
             double x = 0.04 + 0.01 * unit(random), z = 0.036;
             for (double &p : bar->positions) p += 2e-4 * unit(random);
-            while (z > 0.012) { // and ends within
+            while (z > 0.012) { // and end within the bar
                 const double ways[2] = {x, x + 0.003 * unit(random)}, heights[2] = {z, z - 0.002 - 0.0015 * unit(random)};
                 sweep(*bar, ways, heights, lean, bar == stroke.get());
                 x = ways[1];
@@ -211,7 +212,7 @@ TEST(MovingKnife, AStrokeThatEndsWhereAnotherBeginsIsNotJoinedToIt)
     EXPECT_EQ(num_pieces(*one->now), 2);
 }
 
-// One blade's stroke goes on after another blade has cut beside it.
+// A blade's stroke continues after another blade has cut next to it.
 TEST(MovingKnife, AStrokeIsJoinedToItselfPastAnotherBladesCut)
 {
     const double upper[2] = {0.0411, 0.0411}, lower[2] = {0.0391, 0.0391}, far[2] = {0.0611, 0.0611}, down[2] = {0.036, 0.0159}, on[2] = {0.0159, -0.004};

@@ -1,4 +1,5 @@
-// Random strokes of a blade through a CT that moves under it meanwhile, as its solver moves it: what hangs together, what it weighs, what it is stiff by.
+// Random strokes of a blade through a CT that the solver moves during the strokes: connectivity, mass and stiffness of
+// the result.
 #include "../elements.h"
 #include "sim/build/discretization.h"
 
@@ -25,7 +26,8 @@ void PrintTo(const Engine &engine, std::ostream *out) { *out << engine.name; }
 
 const double step_size = 0.02, most_speed = 0.2;
 
-// The CT, coarse, and held by its bones; gravity turns, and forceps go around with what they have hold of, at up to 0.2 m/s.
+// The CT with a coarse mesh, fixed at its bones. Gravity rotates, and forceps move the grasped tissue in circles at up
+// to 0.2 m/s.
 struct Scan {
     pliant_scene scene;
     pliant_volume volume{};
@@ -44,7 +46,8 @@ struct Scan {
         EXPECT_EQ(pliant_scene_set(&scene, "scan/resample", "56 46 52"), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_inputs_read(&scene, path.c_str(), &volume, &labels, &table), PLIANT_OK) << pliant_last_error();
         for (uint32_t m = 0; m < table.num_materials; m++)
-            if (table.materials[m].fixed) table.materials[m].young_modulus = 1e5; // what moves beside it is not to ask for a thousand sub-steps
+            // soft bone, so that explicit dynamics does not need a thousand sub-steps
+            if (table.materials[m].fixed) table.materials[m].young_modulus = 1e5;
         scene.model.method = PLIANT_FINE;
         scene.element.kind = engine.element;
         scene.solver.kind = engine.solver;
@@ -59,7 +62,7 @@ struct Scan {
         scene.mesh.ratio = 1;
         scene.grasp.radius = 0.03;
         scene.grasp.stiffness = 600;
-        for (int d = 0; d < 3; d++) { // what falls off stays near
+        for (int d = 0; d < 3; d++) { // detached pieces stay near
             const double end = volume.geometry.origin[d] + (volume.geometry.size[d] - 1) * volume.geometry.spacing[d] * volume.geometry.direction[4 * d];
             scene.ground.box_low[d] = std::min(volume.geometry.origin[d], end) - 0.03;
             scene.ground.box_high[d] = std::max(volume.geometry.origin[d], end) + 0.03;
@@ -94,11 +97,12 @@ struct Scan {
         for (int d = 0; d < 3; d++) held[d] = data->positions[3 * node[0] + d];
         pliant_tool_release(data, forceps);
         ASSERT_EQ(pliant_tool_set_pose(data, forceps, held, nullptr), PLIANT_OK);
-        const pliant_status status = pliant_tool_grasp(model, data, forceps, model->body->fine.rest + 3 * node[0]); // refused where nothing moves
+        // rejected if nothing there moves
+        const pliant_status status = pliant_tool_grasp(model, data, forceps, model->body->fine.rest + 3 * node[0]);
         ASSERT_TRUE(status == PLIANT_OK || status == PLIANT_ERROR_ARGUMENT) << pliant_last_error();
         phase = time;
     }
-    // half of the tissue's nodes no farther than 5 cm from the blade are faster [m/s]
+    // Compute a step. Return the median speed of tissue nodes within 5 cm of the blade [m/s].
     double step(const double tip[3])
     {
         const double gravity[3] = {0.4 * std::sin(11 * time), 0.4 * std::cos(13 * time), 0.3 * std::sin(7 * time)}, reach = 0.015, angle = most_speed / reach * (time - phase);
@@ -123,7 +127,8 @@ struct Scan {
         std::nth_element(speeds.begin(), speeds.begin() + static_cast<long>(speeds.size() / 2), speeds.end());
         return speeds[speeds.size() / 2];
     }
-    // A blade of 2 to 12 cm goes 1 to 6 cm at up to 0.4 m/s, and turns. How fast its tissue was in the swiftest step [m/s]
+    // Move a blade of 2 to 12 cm by 1 to 6 cm at up to 0.4 m/s, with rotation. Return the maximum tissue speed of a
+    // step [m/s].
     double stroke(bool resists)
     {
         const int32_t tet = some_tet(), *node = data->body->fine.tets + 4 * tet;
@@ -149,12 +154,12 @@ struct Scan {
             EXPECT_EQ(pliant_tool_set_pose(data, knife, tip, unit_rotation), PLIANT_OK);
             EXPECT_EQ(pliant_tool_set_cutting(data, knife, true), PLIANT_OK) << pliant_last_error();
             const double now = step(tip);
-            fastest = s > 0 ? std::max(fastest, now) : 0; // at first what the forceps had comes back
+            fastest = s > 0 ? std::max(fastest, now) : 0; // in the first steps the tissue springs back from the forceps
         }
         EXPECT_EQ(pliant_tool_set_cutting(data, knife, false), PLIANT_OK);
         return fastest;
     }
-    // a tetrahedron of the tissue that has a node 2 to 5 cm from a place
+    // Return a tissue tetrahedron with a node 2 to 5 cm from a position.
     int32_t some_tet_near(const double place[3])
     {
         int32_t tet = 0;
@@ -166,7 +171,7 @@ struct Scan {
         }
         return tet;
     }
-    // through everything, at once
+    // Cut through everything in one step.
     void plane()
     {
         const int32_t *node = data->body->fine.tets + 4 * some_tet();
@@ -180,13 +185,13 @@ struct Scan {
     }
 };
 
-// Of every fragment, by a solver that has a matrix; of pieces that have come off, too.
+// Check the stiffness of every fragment and detached piece for a solver with a matrix.
 void expect_stiff(const Scan &scan)
 {
     const pliant_body &body = *scan.data->body;
     pliant_scene scene = scan.model->scene;
     scene.solver.kind = PLIANT_COROTATIONAL;
-    pliant_discretizing work; // no factor: what inertia alone holds has none
+    pliant_discretizing work; // without a factor, because pieces held only by inertia have none
     ASSERT_EQ(pliant_discretizing_begin(&scene, &body, {nullptr, nullptr}, &work), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_discretizing_homogenize(&work), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_discretizing_analyze(&work), PLIANT_OK) << pliant_last_error();
@@ -204,7 +209,7 @@ void expect_stiff(const Scan &scan)
         for (int32_t n : nodes) around[n].push_back(e);
         expect_rigid_modes(elements, nodes, elements.stiffness(e), 3 * nodes.size() - 6, "element " + std::to_string(e));
     }
-    for (const std::set<int32_t> &fragment : fragments) // by itself, or in a part of a hexahedron
+    for (const std::set<int32_t> &fragment : fragments) // separate, or in a part of a hexahedron
         found += std::any_of(around[*fragment.begin()].begin(), around[*fragment.begin()].end(), [&](int32_t e) {
             const std::vector<int32_t> nodes = elements.nodes(e);
             const std::set<int32_t> own(nodes.begin(), nodes.end());
@@ -244,7 +249,7 @@ TEST_P(EveryEngine, PiecesAreThoseOfTheVoxels)
         if (body.revision != revision) EXPECT_EQ(body.cuts->num_pieces, num_pieces(body)) << "stroke " << s;
     }
     expect_stiff(scan);
-    const long whole = std::min(strokes, fewest_strokes); // later on most near a blade are bits that lie on the ground
+    const long whole = std::min(strokes, fewest_strokes); // later, most fragments near a blade lie on the ground
     std::nth_element(speeds.begin(), speeds.begin() + whole / 2, speeds.begin() + whole);
     const double usual = speeds[static_cast<size_t>(whole / 2)];
     std::sort(speeds.begin(), speeds.end());

@@ -1,5 +1,5 @@
-// The axes that a preconditioner is used in: they find the rotation of what was stretched before, and a factor of the body at
-// rest solves a bar that has bent far over.
+// Local axes for a preconditioner: they represent the rotation of deformed tissue, so that a factor of the body at rest
+// solves a strongly bent bar.
 #include "body.h"
 
 #include <array>
@@ -54,7 +54,8 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     pliant_nodal_rotations_free(rotations);
 }
 
-// largest error of the end of a bar that hangs down from a wall by its weight, after so many evaluations in one step a frame
+// Return the maximum error of the end of a bar that hangs from a wall under its weight, with a number of evaluations in
+// one step per frame.
 double error_of_bending(bool turning, pliant_preconditioner_choice choice)
 {
     double worst = 0;
@@ -96,7 +97,7 @@ TEST(Turn, TheFactorAtRestSolvesWhatHasBentOver)
     }
 }
 
-// What a spring's response was found in turns on while its tool pulls by a given force; then it is a spring again.
+// A spring's response rotates with the axes while its tool pulls by a given force; then it is a spring again.
 TEST(Turn, ASpringThatComesBackIsFoundInTheAxesOfNow)
 {
     Body body(size, box, {{40000, 0.3, 1000, false}});

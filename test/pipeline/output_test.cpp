@@ -1,4 +1,4 @@
-// What the state shows of itself: stress, energy, volume, inversion, clearance, upsampled positions.
+// Output quantities: stress, energy, volume, inversion, clearance, upsampled positions.
 #include "body.h"
 
 #include <Eigen/Dense>
@@ -27,8 +27,8 @@ struct Output : testing::Test {
     }
 };
 
-// Uniaxial strain s along z, turned by a rotation: lambda and mu from E = 6000, nu = 0.2: 1666.7 and 2500 Pa.
-// von Mises of diag(lambda s, lambda s, (lambda + 2 mu) s) is 2 mu s; energy density (lambda + 2 mu) s^2 / 2.
+// Uniaxial strain s along z with a rotation: lambda and mu from E = 6000, nu = 0.2: 1666.7 and 2500 Pa. The von Mises
+// stress of diag(lambda s, lambda s, (lambda + 2 mu) s) is 2 mu s; the energy density is (lambda + 2 mu) s^2 / 2.
 TEST_F(Output, UniaxialStrainUnderATurn)
 {
     const double s = 0.05, lambda = 6000 * 0.2 / (1.2 * 0.6), mu = 2500;
@@ -62,7 +62,8 @@ TEST_F(Output, ClearanceOfABox)
     }
 }
 
-// The skin ends within elements. Clearance is the distance to the skin, which contact uses, not to the border of the elements.
+// The skin ends within elements. Clearance is the distance to the skin, which contact uses, not to the border of the
+// elements.
 TEST(Clearance, IsThatOfTheSkinWithinElements)
 {
     const int voxels[3] = {20, 20, 20};
@@ -84,7 +85,7 @@ TEST(Clearance, IsThatOfTheSkinWithinElements)
                     ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
                     EXPECT_NEAR(pliant_tool_clearance(body.model, body.data, tool), height, 1e-9) << layers << " layers";
                 }
-                // the skin goes along: stretched by a tenth along z
+                // the skin follows a stretch of ten percent along z
                 for (int32_t n = 0; n < body.data->body->fine.num_nodes; n++) body.data->positions[3 * n + 2] *= 1.1;
                 const double tip[3] = {0.052, 0.047, 1.1 * skin + 0.01};
                 ASSERT_EQ(pliant_tool_set_pose(body.data, tool, tip, nullptr), PLIANT_OK);
@@ -92,8 +93,8 @@ TEST(Clearance, IsThatOfTheSkinWithinElements)
             }
 }
 
-// A ball of 35 mm in elements of 5 mm and voxels of 1 mm. Corners of the surface whose skin is further away than the shortest edge of a cube stay at their nodes: the
-// error is below an element, on either side.
+// A ball of 35 mm in elements of 5 mm and voxels of 1 mm. Surface corners stay at their nodes if the skin is farther
+// away than the shortest edge of a cube. The error is below one element on either side.
 TEST(Clearance, OfABallIsThatOfItsSkin)
 {
     const int voxels[3] = {100, 100, 100};
@@ -119,20 +120,20 @@ TEST(Clearance, OfABallIsThatOfItsSkin)
     EXPECT_LT(worst, 0.005);
 }
 
-// Something fixed that no coarse node lies in holds the coarse mesh all the same, by the nodes nearest to it.
+// A fixed region between coarse nodes fixes the coarse mesh too, through the nearest nodes.
 TEST(CoarseMesh, IsHeldByWhatLiesBetweenItsNodes)
 {
     Body body(size, box, {{6000, 0.2, 1000, false}});
     body.scene.model.method = PLIANT_COARSE;
     body.cells(2, 2, 2, 4);
     pliant_fixed_box &fixed = body.scene.fixed.boxes[body.scene.fixed.num_boxes++];
-    fixed = {{0.005, 0.005, 0.005}, {0.035, 0.035, 0.035}}; // coarse nodes stand at multiples of 0.04
+    fixed = {{0.005, 0.005, 0.005}, {0.035, 0.035, 0.035}}; // coarse nodes are at multiples of 0.04
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     body.data->gravity[2] = -1;
     EXPECT_EQ(body.settle(), PLIANT_OK);
 }
 
-// Coarse positions that are an affine map come out as that map on every fine node that is not held still, for every way up.
+// An affine map of the coarse positions gives the same map of every free fine node, for every upsampling method.
 TEST_F(Output, UpsamplingKeepsRigidMotion)
 {
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> a = Eigen::AngleAxisd(0.8, Eigen::Vector3d(0, 1, 0)).toRotationMatrix();
@@ -147,7 +148,7 @@ TEST_F(Output, UpsamplingKeepsRigidMotion)
         std::vector<double> up(3 * fine.num_nodes), expected = affine(fine, a.data(), b);
         pliant_upsample_positions(coarse.model->system, affine(coarse.model->body->coarse, a.data(), b).data(), up.data());
         for (int32_t n = 0; n < fine.num_nodes; n++)
-            if (fine.rest[3 * n + 2] > 0.03) // grounded elements do not turn
+            if (fine.rest[3 * n + 2] > 0.03) // grounded elements do not rotate
                 for (int d = 0; d < 3; d++) EXPECT_NEAR(up[3 * n + d], expected[3 * n + d], 1e-9) << "method " << method;
     }
 }

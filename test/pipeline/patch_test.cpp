@@ -1,4 +1,5 @@
-// Constant strain, rigid motion, zero modes, homogeneous material: what every element must do, whatever made its stiffness.
+// Constant strain, rigid motion, zero modes, homogeneous material: requirements for every element, independently of its
+// stiffness's origin.
 #include "body.h"
 
 #include <Eigen/Dense>
@@ -20,8 +21,8 @@ bool on_boundary(const double *x)
     return false;
 }
 
-// Boundary nodes of a homogeneous block moved by a symmetric strain (which corotation leaves without a turn): the same field
-// inside is in equilibrium. Largest force inside over the largest on the boundary.
+// Boundary nodes of a homogeneous block are moved by a symmetric strain, for which corotation has no rotation. The same
+// field inside is in equilibrium. Return the maximum internal force relative to the maximum boundary force.
 double patch_error(pliant_method method)
 {
     Body body(size, box, one);
@@ -31,7 +32,7 @@ double patch_error(pliant_method method)
     EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const double a[9] = {1.1, 0.03, -0.02, 0.03, 0.93, 0.05, -0.02, 0.05, 1.04}, b[3] = {0.01, 0.02, -0.01};
     const pliant_mesh &mesh = solved(body);
-    // grounded elements do not turn; the patch test is about the others: use the far half only
+    // grounded elements do not rotate and are excluded: use only the far half
     std::vector<double> force = body.elastic_force(affine(mesh, a, b));
     double inside = 0, outside = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
@@ -53,7 +54,7 @@ TEST(Patch, ConstantStrainIsInEquilibrium)
     EXPECT_LT(patch_error(PLIANT_CALIBRATED), 1e-8);
 }
 
-// Energy that coarse elements store under a constant strain over the exact V (mu e:e + lambda tr(e)^2 / 2).
+// Compute the energy of coarse elements under a constant strain relative to the exact V (mu e:e + lambda tr(e)^2 / 2).
 void energy_ratio(pliant_method method, pliant_touch touch, double *low, double *high)
 {
     Body body(size, box, one);
@@ -83,8 +84,8 @@ void energy_ratio(pliant_method method, pliant_touch touch, double *low, double 
     }
 }
 
-// A patch under a constant strain must store exactly its energy. The paper's condensation carries an element by point loads;
-// it cannot (src/fem/coarse/NUMERICS.md), and by how much is reported.
+// Under a constant strain, a patch must store exactly its energy. The paper's condensation supports an element by point
+// loads and cannot fulfil this (src/fem/coarse/NUMERICS.md); the deviation is reported.
 TEST(Patch, AveragedAndCalibratedStoreTheExactEnergyAndSchurDoesNot)
 {
     double low, high;
@@ -116,7 +117,7 @@ TEST(Patch, RigidMotionCostsNoForce)
         std::vector<double> rigid = body.elastic_force(affine(mesh, a, b)), one_percent = body.elastic_force(affine(mesh, stretch, b));
         double free_force = 0, reference = 0;
         for (int32_t n = 0; n < mesh.num_nodes; n++)
-            if (mesh.rest[3 * n + 2] > 0.05) // away from grounded elements, which do not turn
+            if (mesh.rest[3 * n + 2] > 0.05) // away from grounded elements, which do not rotate
                 for (int d = 0; d < 3; d++) {
                     free_force = std::fmax(free_force, std::fabs(rigid[3 * n + d]));
                     reference = std::fmax(reference, std::fabs(one_percent[3 * n + d]));
@@ -178,8 +179,8 @@ void homogeneous_is_coarse(pliant_method method)
 TEST(Patch, HomogeneousAveragedIsCoarse) { homogeneous_is_coarse(PLIANT_AVERAGED); }
 TEST(Patch, HomogeneousCalibratedIsCoarse) { homogeneous_is_coarse(PLIANT_CALIBRATED); }
 
-// Unit right-angled tetrahedron, by hand: with g0 = (-1,-1,-1), g1 = e_x, g2 = e_y, g3 = e_z and V = 1/6,
-// K(1x,1x) = V (lambda + 2 mu), K(1x,2y) = V lambda, K(1y,2x) = V mu, K(1y,1y) = V mu, K(0x,0x) = V (lambda + 4 mu).
+// Unit right-angled tetrahedron, by hand: with g0 = (-1,-1,-1), g1 = e_x, g2 = e_y, g3 = e_z and V = 1/6, K(1x,1x) = V
+// (lambda + 2 mu), K(1x,2y) = V lambda, K(1y,2x) = V mu, K(1y,1y) = V mu, K(0x,0x) = V (lambda + 4 mu).
 TEST(Patch, ElementStiffnessByHand)
 {
     const double x[4][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, lambda = 3, mu = 2;
@@ -196,7 +197,8 @@ TEST(Patch, ElementStiffnessByHand)
     EXPECT_DOUBLE_EQ(at(0, 0, 0, 1), volume * (lambda + mu));
 }
 
-// Assembled matrix times a small displacement is the change of force, at a deformed state whose elements are turned.
+// The assembled matrix times a small displacement equals the change of force, at a deformed state with rotated
+// elements.
 TEST(Patch, AssembledMatrixIsWarpedStiffness)
 {
     for (pliant_method method : {PLIANT_FINE, PLIANT_AVERAGED}) {
@@ -213,7 +215,8 @@ TEST(Patch, AssembledMatrixIsWarpedStiffness)
         std::vector<double> x = affine(mesh, a, b);
         std::vector<pliant_tangent> tangents(static_cast<size_t>(system->num_blocks));
         std::vector<double> values(system->pattern.num_values);
-        pliant_system_tangents(system, x.data(), PLIANT_TWIST_EXACT, tangents.data()); // turned, unstrained: no twist
+        // rotated and unstrained: no twist
+        pliant_system_tangents(system, x.data(), PLIANT_TWIST_EXACT, tangents.data());
         pliant_system_assemble(system, tangents.data(), values.data());
         int n = 3 * system->num_free;
         Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(n, n);
@@ -227,7 +230,7 @@ TEST(Patch, AssembledMatrixIsWarpedStiffness)
                         matrix(row, col) = matrix(col, row) = values[at++];
                     }
         ASSERT_EQ(at, system->pattern.num_values);
-        // independent: element by element
+        // independent computation, element by element
         Eigen::MatrixXd expected = Eigen::MatrixXd::Zero(n, n);
         for (int32_t t = 0; t < mesh.num_tets; t++) {
             double k[144], g[12];
@@ -247,7 +250,7 @@ TEST(Patch, AssembledMatrixIsWarpedStiffness)
     }
 }
 
-// K = d f / d x at a state with strains of some tens of per cent; what is positive of it is positive in every element.
+// K = d f / d x at a state with strains of some tens of percent; the positive part is positive in every element.
 TEST(Patch, TangentIsTheDerivativeOfTheForce)
 {
     Body body(size, box, one);
@@ -287,7 +290,7 @@ TEST(Patch, TangentIsTheDerivativeOfTheForce)
         EXPECT_GT(of_p.eigenvalues().minCoeff(), -1e-10 * p.norm()) << "element " << t;
         indefinite += of_k.eigenvalues().minCoeff() < -1e-3 * k.norm();
     }
-    EXPECT_GT(indefinite, 0); // or the two kinds would not have been told apart
+    EXPECT_GT(indefinite, 0); // otherwise the two kinds would be equal
 }
 
 } // namespace

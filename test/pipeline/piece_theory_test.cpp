@@ -78,7 +78,8 @@ TEST(PieceTheory, APieceThatLiesStaysWhereItIs)
         }
 }
 
-// A piece that a tool holds; lead(time): how far the tool is from where it took hold
+// A piece that a tool grasps.
+// lead(time): distance of the tool from the grasp position
 struct Carried {
     std::unique_ptr<Body> body;
     std::vector<int32_t> nodes;
@@ -168,7 +169,8 @@ TEST(PieceTheory, APendulumKeepsItsEnergy)
     }
 }
 
-// A plate presses a piece on the ground, beside what it was cut from. The footprint of the piece is 4 cm x 4 cm, and the areas of its contact points on the ground add up to that.
+// A plate presses a piece on the ground, next to the tissue from which it was cut. The footprint of the piece is 4 cm x
+// 4 cm. The areas of its contact points on the ground sum to this footprint.
 TEST(PieceTheory, AreasOfContactPointsAddUpToTheFootprint)
 {
     const double footprint = 0.04 * 0.04;
@@ -218,7 +220,7 @@ TEST(PieceTheory, APieceThatPlatesSqueezeStaysBetweenThem)
             step(body, 1);
         };
         for (int s = 0; s < 20; s++) place(0.002 - 0.000225 * s, 0);
-        for (int s = 0; s < 100; s++) place(-0.0025, 0.00008 * s); // up to what it was cut from
+        for (int s = 0; s < 100; s++) place(-0.0025, 0.00008 * s); // up to the tissue from which it was cut
         for (int s = 0; s < 50; s++) place(-0.0025, 0.008);
         const std::vector<double> before = centre_of(body, lying.nodes);
         for (int s = 0; s < 300; s++) place(-0.0025, 0.008);

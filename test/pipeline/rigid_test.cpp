@@ -22,7 +22,7 @@ pliant_rigid brick(double a, double b, double c)
     std::copy(at_rest, at_rest + 9, body.rotation);
     return body;
 }
-// after a step the inertia is of the turned body
+// Update the inertia of the rotated body after a step.
 void turn_inertia(pliant_rigid &body, std::vector<double> &arms)
 {
     double half[9];
@@ -55,7 +55,7 @@ TEST(Rigid, KeepsMomentumAndEnergyInFlight)
     const double gravity[3] = {0, 0, -g};
     pliant_rigid body = brick(0.02, 0.04, 0.1);
     body.velocity[0] = 1;
-    const double momentum[3] = {1e-4, 8e-4, 2e-4}; // about the middle axis, almost: it tumbles
+    const double momentum[3] = {1e-4, 8e-4, 2e-4}; // almost about the middle axis, so that it tumbles
     std::copy(momentum, momentum + 3, body.momentum);
     std::vector<double> arms;
     const double at_first = energy(body, gravity);
@@ -74,7 +74,7 @@ TEST(Rigid, KeepsMomentumAndEnergyInFlight)
     EXPECT_NEAR(body.centre[2], -0.5 * g * 100, 1e-9);
 }
 
-// About a principal axis the spin is L / J, and stays.
+// About a principal axis the angular velocity is L / J, and constant.
 TEST(Rigid, TurnsAtItsMomentumOverItsInertia)
 {
     const double none[3] = {0, 0, 0}, side[3] = {0.02, 0.04, 0.1}, momentum = 3e-5, time = 1e-3;
@@ -91,7 +91,7 @@ TEST(Rigid, TurnsAtItsMomentumOverItsInertia)
     }
 }
 
-// A force F at an arm r for a short time t gives the velocity F t / m and the spin J^-1 (r x F) t.
+// A force F at an arm r for a short time t gives the velocity F t / m and the angular velocity J^-1 (r x F) t.
 TEST(Rigid, AnImpulseTurnsItByTheLeverOverTheInertia)
 {
     const double none[3] = {0, 0, 0}, time = 1e-4, force = 2;
@@ -111,7 +111,7 @@ TEST(Rigid, AnImpulseTurnsItByTheLeverOverTheInertia)
     EXPECT_NEAR(spin[0], -0.05 * force * time / inertia, 1e-3 * 0.05 * force * time / inertia);
 }
 
-// on a plane, on an edge, in a corner of walls: energy never rises, and it comes to lie
+// On a plane, on an edge, in a corner of walls: energy never increases, and the body comes to rest.
 TEST(Rigid, EnergyNeverRisesOnWalls)
 {
     for (const double restitution : {0.0, 0.5}) {

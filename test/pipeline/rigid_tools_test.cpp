@@ -1,4 +1,4 @@
-// Rigid tools that hold one point share its force.
+// Rigid tools that grasp one point share its force.
 #include "hanging_bar.h"
 
 namespace {
@@ -52,7 +52,7 @@ TEST_P(Rigid, ToolsAtOnePointShareItsForce)
             step(*body, 1);
         }
         step(*body, 20);
-        const double close = 0.01 * whole + 50 * apart * whole; // two points deform otherwise than one
+        const double close = 0.01 * whole + 50 * apart * whole; // two points deform the tissue differently than one
         for (int d = 0; d < 3; d++) {
             const double left = body->data->tools[tool[0]].force[d], right = body->data->tools[tool[1]].force[d];
             EXPECT_NEAR(left + right, single.force[d], close) << apart << " m, axis " << d;
@@ -63,7 +63,7 @@ TEST_P(Rigid, ToolsAtOnePointShareItsForce)
 }
 INSTANTIATE_TEST_SUITE_P(Methods, Rigid, testing::Values(direct, multigrid, plain, averaged, patched, octree, hexahedra, relaxed), name_of);
 
-// One of two tools lets go: the other goes on with all of the force, and nothing jumps.
+// If one of two tools releases, the other one takes all of the force without a jump.
 TEST(RigidTools, TheOtherToolTakesOver)
 {
     for (int first : {0, 1}) {
@@ -83,7 +83,8 @@ TEST(RigidTools, TheOtherToolTakesOver)
     }
 }
 
-// They pull apart: the tissue goes by the mean of their ways, and the copy of a simulation goes on alike.
+// The tools move apart: the tissue follows the mean of their displacements, and a copy of the simulation behaves
+// equally.
 TEST(RigidTools, TheTissueFollowsTheMeanOfTheirWays)
 {
     std::unique_ptr<Body> body = hang(direct);

@@ -1,4 +1,5 @@
-// Demonstration scenes: of explicit dynamics, on a small phantom, where the liver hangs, and falls; of all that touches, on a CT.
+// Demonstration scenes: explicit dynamics on a small phantom whose liver hangs and falls; contact of organs, tools and
+// obstacles on a CT.
 #include "contact/detect/follow.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
@@ -42,7 +43,7 @@ struct SceneRun {
         if (status == PLIANT_OK) status = pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model);
         return status == PLIANT_OK ? pliant_data_create(model, &data) : status;
     }
-    // lowest z, and mean z by mass [m]
+    // lowest z, and mean z weighted by mass [m]
     void heights(double *lowest, double *mean) const
     {
         double mass = 0;
@@ -78,14 +79,14 @@ TEST(Scenes, TheLiverFallsOnThePlane)
     double way = lowest[0] + 0.05, before = 0.9 * std::sqrt(2 * way / 9.81), t = 0;
     for (; t < before; t += run.scene.solver.step) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
     run.heights(&lowest[1], &mean[1]);
-    EXPECT_NEAR(mean[0] - mean[1], 0.5 * 9.81 * t * t, 0.1 * 0.5 * 9.81 * t * t); // the scene damps a little
+    EXPECT_NEAR(mean[0] - mean[1], 0.5 * 9.81 * t * t, 0.1 * 0.5 * 9.81 * t * t); // the scene has some damping
     for (int s = 0; s < 20; s++) ASSERT_EQ(pliant_step(run.model, run.data), PLIANT_OK) << pliant_last_error();
     run.heights(&lowest[1], &mean[1]);
     EXPECT_NEAR(lowest[1], -0.05, 1e-9);
     EXPECT_GT(mean[1], -0.05 + 0.005);
 }
 
-// with the constants of [C] 6: mu 400 Pa, lambda 49000 Pa, 1000 kg/m^3
+// With the constants of [C] 6: mu 400 Pa, lambda 49000 Pa, 1000 kg/m^3.
 TEST(Scenes, TheSoftLiverIsThatOfThePaper)
 {
     for (const char *name : {"hang_soft", "fall_soft"}) {
@@ -117,7 +118,7 @@ TEST(Scenes, TheSoftLiverHangsAndFalls)
     EXPECT_LT(mean[2], mean[0]);
 }
 
-// Liver and stomach of the CT of the tests, which slide along each other.
+// Liver and stomach of the test CT, which slide along each other.
 struct OrganRun : SceneRun {
     OrganRun() : SceneRun("organs_ct")
     {
@@ -134,7 +135,8 @@ struct OrganRun : SceneRun {
     pliant_status build() { return SceneRun::build(PLIANT_TEST_DATA "/abdomen/ct.nii.gz"); }
 };
 
-// Tissue ends within elements, and corners of the surface lie where it does: where two of them would be in each other at rest, too, nothing is pressed.
+// Tissue ends within elements, and surface corners lie at its end. Where two organs would penetrate each other at rest,
+// there is no contact force.
 TEST(Scenes, OrgansAtRestDoNotPressThemselves)
 {
     if (!OrganRun::has_data()) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;
@@ -151,7 +153,7 @@ TEST(Scenes, OrgansAtRestDoNotPressThemselves)
     }
 }
 
-// In steps of 0.1 s: tissue touches the probe, the box, what it slides along, and by its outside what there was a gap to.
+// In steps of 0.1 s, tissue touches the probe, the box, the adjacent organ, and tissue across an initial gap.
 TEST(Scenes, OrgansTouchToolsAndObstaclesAndEachOther)
 {
     if (!OrganRun::has_data()) GTEST_SKIP() << "the shared test data is not at " PLIANT_TEST_DATA;

@@ -1,4 +1,5 @@
-// Tissue on tissue in the quasi-static solver: a bar that was cut carries pressure as a whole one does and opens under tension; layers that slide.
+// Contact between tissue surfaces in the quasi-static solver: a cut bar carries pressure like a whole one and opens
+// under tension; layers slide.
 #include "body.h"
 #include "contact/detect/follow.h"
 
@@ -6,7 +7,7 @@
 
 namespace {
 
-// 20 x 20 x 80 mm between two plates, without Poisson's effect; the upper half is as much denser
+// A column of 20 x 20 x 80 mm between two plates, with zero Poisson's ratio; the upper half has a different density.
 struct Column : Body {
     Column(double upper, double gravity, bool cut)
         : Body(size, box, {{10e3, 0, 1000, false}, {10e3, 0, 1000 * upper, false}}, [](int, int, int k) { return k >= 16; })
@@ -22,7 +23,7 @@ struct Column : Body {
         if (cut) EXPECT_EQ(pliant_data_cut(model, data, 2, corners, across, nullptr), PLIANT_OK) << pliant_last_error();
         EXPECT_GE(settle(200), PLIANT_OK) << pliant_last_error();
     }
-    // how far the node on the axis at a height has moved up: of the side that hangs from the upper plate, or stands on the lower one
+    // Return the upward displacement of the axis node at a height, on the side of the upper or the lower plate.
     double moved(double height, bool upper) const
     {
         const pliant_mesh &fine = data->body->fine;
@@ -60,7 +61,8 @@ TEST(SelfContact, ACutBarThatIsPressedTogetherCarriesWhatAWholeOneDoes)
     const double largest = std::fabs(whole.moved(0.04, true));
     EXPECT_NEAR(cut.moved(0.03, false), whole.moved(0.03, false), 0.01 * largest);
     EXPECT_NEAR(cut.moved(0.05, true), whole.moved(0.05, true), 0.01 * largest);
-    // half of the difference of the halves' weights goes through the middle, over the area: (3 - 1) rho g L / 8
+    // half of the weight difference between the halves passes through the middle, divided by the area: (3 - 1) rho g L
+    // / 8
     EXPECT_NEAR(cut.pressure(), 2 * 1000 * 9.81 * 0.08 / 8, 0.02 * 2 * 1000 * 9.81 * 0.08 / 8);
 }
 
@@ -69,13 +71,13 @@ TEST(SelfContact, ACutBarOpensUnderTension)
     const Column cut(1.0 / 3, 9.81, true);
     EXPECT_EQ(cut.data->statistics.contacts, 0);
     EXPECT_EQ(cut.pressure(), 0);
-    // the lower half sinks by rho g L^2 / 8 E, the upper one a third of that
+    // the lower half sinks by rho g L^2 / 8 E, the upper one by a third of that
     const double sinks = 1000 * 9.81 * 0.08 * 0.08 / (8 * 10e3);
     EXPECT_NEAR(cut.moved(0.04, false), -sinks, 0.05 * sinks);
     EXPECT_NEAR(cut.moved(0.04, true), -sinks / 3, 0.05 * sinks);
 }
 
-// Two layers of 10 mm: the lower one stands on a plate, the upper one is held at one end.
+// Two layers of 10 mm: the lower one stands on a plate, the upper one is fixed at one end.
 struct Layers : Body {
     explicit Layers(const char *slides, bool below = true)
         : Body(size, box, {{10e3, 0.3, 1000, !below}, {10e3, 0.3, 1000, false}}, [](int, int, int k) { return k >= 4; })
@@ -94,7 +96,7 @@ struct Layers : Body {
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
         EXPECT_GE(settle(200), PLIANT_OK) << pliant_last_error();
     }
-    // of the far end's upper border
+    // Return the displacement of the far end's upper border.
     double moved(int axis) const
     {
         const pliant_mesh &fine = data->body->fine;
@@ -138,7 +140,8 @@ TEST(SelfContact, WhatSlidesMustBeThere)
     EXPECT_NE(std::strstr(pliant_last_error(), "cut/kind"), nullptr) << pliant_last_error();
 }
 
-// A block of 20 mm stands on a plate, another hangs 10 mm above it from a plate. What is cut off the upper one falls on the lower one.
+// A block of 20 mm stands on a plate, another one hangs 10 mm above it from a plate. A piece cut off the upper one
+// falls onto the lower one.
 struct Drop : Body {
     explicit Drop(pliant_cut_kind kind, double friction = 0.3, pliant_method method = PLIANT_FINE, int ratio = 1)
         : Body(std::vector<int>{6 * ratio, 6 * ratio, 24 * ratio}.data(), box, {{10e3, 0.3, 1000, false}, {1, 0.3, 1, true}}, [ratio](int, int, int k) { return k >= 8 * ratio && k < 12 * ratio; })
@@ -166,7 +169,7 @@ struct Drop : Body {
     {
         for (int s = 0; s < steps; s++) ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
     }
-    // of a piece: mass, or its lowest point
+    // Return the mass of a piece.
     double mass(int p) const
     {
         double sum = 0;
@@ -181,7 +184,7 @@ struct Drop : Body {
         for (int32_t i = pieces->start[p]; i < pieces->start[p + 1]; i++) least = std::fmin(least, data->positions[3 * pieces->node[i] + axis]);
         return least;
     }
-    // by contact, on a piece, or what does not fall (-1)
+    // Return the contact force on a piece, or on the tissue that does not fall (-1).
     double force(int p, int axis = 2) const
     {
         std::vector<double> all(3 * static_cast<size_t>(data->body->fine.num_nodes));
@@ -217,7 +220,7 @@ TEST(SelfContact, WhatIsCutOffComesToRestOnWhatIsBelowIt)
     }
 }
 
-// On a block of any coarse method it comes to lie as on the fine mesh, with its weight, which the block takes.
+// On a block of any coarse method, the piece comes to rest as on the fine mesh, and the block carries its weight.
 TEST(SelfContact, WhatIsCutOffLandsOnCoarseMeshesToo)
 {
     double of_fine = 0;
@@ -238,7 +241,7 @@ TEST(SelfContact, WhatIsCutOffLandsOnCoarseMeshesToo)
     }
 }
 
-// tan of the slope below and above the friction
+// slopes with a tangent below and above the friction coefficient
 TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
 {
     for (pliant_cut_kind kind : {PLIANT_CUT_SUBDIVIDE, PLIANT_CUT_SEVER})
@@ -250,7 +253,7 @@ TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
             drop.run(8);
             EXPECT_NEAR(drop.force(0), weight, 0.005 * weight);
             ASSERT_EQ(pliant_data_set_gravity(drop.data, gravity), PLIANT_OK);
-            drop.run(slope < 0.3 ? 20 : 3); // the block below springs to and fro at first
+            drop.run(slope < 0.3 ? 20 : 3); // the block below oscillates at first
             const double x = drop.lowest(0, 0);
             drop.run(3);
             EXPECT_NEAR(drop.force(-1, 0), -drop.force(0, 0), 1e-9);
@@ -267,7 +270,7 @@ TEST(SelfContact, ASlabThatIsCutOffStaysOrSlidesAsFrictionSays)
         }
 }
 
-// Further than an element is long: voxels that were opposite each other are not any more, and others bear what slides.
+// The sliding distance exceeds an element, so that other voxels become opposite and carry the slab.
 TEST(SelfContact, ASlabThatSlidesOffDoesNotSink)
 {
     Drop drop(PLIANT_CUT_SEVER);
@@ -282,7 +285,7 @@ TEST(SelfContact, ASlabThatSlidesOffDoesNotSink)
     }
     EXPECT_GT(drop.lowest(0, 0) - x, 0.0055);
     EXPECT_NEAR(drop.force(0), weight, 0.03 * weight);
-    drop.run(1); // by now sides are opposite others than their own, and what two of them are to each other is one point
+    drop.run(1); // faces are opposite new ones by now, and each pair has one contact point
     std::set<std::pair<uint64_t, uint64_t>> slid;
     for (int32_t c = 0; c < drop.data->contacts.count; c++) {
         const uint64_t feature = drop.data->contacts.point[c].feature, side = (uint64_t{1} << 28) - 1;
@@ -313,7 +316,8 @@ TEST(SelfContact, PiecesLieOnEachOther)
     EXPECT_NEAR(drop.lowest(1 - upper), 0.0117, 5e-4);
 }
 
-// The piece lies on the ground: what presses it down, the ground bears; it gives way where it is pressed, but neither lets the other through.
+// The piece lies on the ground, which carries the pressing force. The piece yields where it is pressed, and neither the
+// ground nor the tool penetrates it.
 TEST(SelfContact, APieceBetweenAToolAndTheGroundCarriesTheForce)
 {
     Drop drop(PLIANT_CUT_SUBDIVIDE);
@@ -325,7 +329,7 @@ TEST(SelfContact, APieceBetweenAToolAndTheGroundCarriesTheForce)
     ASSERT_NEAR(drop.lowest(0), 0.022, 1e-6);
     const int tool = drop.add_ball(0.004);
     for (int s = 0; s < 30; s++) {
-        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::min(s, 20)}; // its top lies at 0.0357
+        const double tip[3] = {0.0078, 0.0073, 0.040 - 0.0002 * std::min(s, 20)}; // its top is at 0.0357
         ASSERT_EQ(pliant_tool_set_pose(drop.data, tool, tip, nullptr), PLIANT_OK);
         drop.run(1);
     }
@@ -333,14 +337,15 @@ TEST(SelfContact, APieceBetweenAToolAndTheGroundCarriesTheForce)
     for (int32_t c = 0; c < drop.data->contacts.count; c++) {
         const pliant_contact_point &point = drop.data->contacts.point[c];
         if (point.kind == PLIANT_OBSTACLE_GROUND) ground += point.force[2];
-        else if (point.kind == PLIANT_OBSTACLE_TOOL && point.normal[2] < 0) tip += point.force[2]; // and not what the piece was cut from, above the ball
+        // without the force on the remaining block above the ground
+        else if (point.kind == PLIANT_OBSTACLE_TOOL && point.normal[2] < 0) tip += point.force[2];
     }
     EXPECT_LT(tip, -0.05);
     EXPECT_NEAR(ground, drop.mass(0) * 9.81 - tip, 0.01 * ground);
     EXPECT_NEAR(drop.lowest(0), 0.022, 1e-6);
 }
 
-// In one step a ball takes the piece along, farther than it would have fallen, to the ground: that stops it in the same step.
+// In one step a ball pushes the piece farther than it would have fallen, and the ground stops it in the same step.
 TEST(SelfContact, APieceThatIsPushedFarIsStoppedByTheGround)
 {
     Drop drop(PLIANT_CUT_SUBDIVIDE);
@@ -349,14 +354,16 @@ TEST(SelfContact, APieceThatIsPushedFarIsStoppedByTheGround)
     drop.scene.ground.point[2] = 0.024;
     ASSERT_EQ(drop.build(), PLIANT_OK);
     drop.cut(0.0437);
-    std::vector<double> aside(drop.data->positions, drop.data->positions + 3 * drop.data->body->fine.num_nodes); // where there is room above it
+    // where there is space above it
+    std::vector<double> aside(drop.data->positions, drop.data->positions + 3 * drop.data->body->fine.num_nodes);
     const pliant_pieces *pieces = drop.data->body->pieces;
     for (int32_t i = 0; i < pieces->start[1]; i++) aside[3 * static_cast<size_t>(pieces->node[i])] += 0.03;
     ASSERT_EQ(pliant_data_set_positions(drop.model, drop.data, aside.data()), PLIANT_OK);
     const int tool = drop.add_ball(0.004);
     double ground = 0, pushes = 0;
     for (int s = 0; s < 2; s++) {
-        const double tip[3] = {0.0378, 0.0073, 0.0437 + 0.0045 - 0.008 * s}; // 7.5 mm into it; the ground lies 6 mm below it
+        // 7.5 mm into it; the ground is 6 mm below it
+        const double tip[3] = {0.0378, 0.0073, 0.0437 + 0.0045 - 0.008 * s};
         ASSERT_EQ(pliant_tool_set_pose(drop.data, tool, tip, nullptr), PLIANT_OK);
         drop.run(1);
     }
@@ -370,7 +377,7 @@ TEST(SelfContact, APieceThatIsPushedFarIsStoppedByTheGround)
     EXPECT_NEAR(drop.lowest(0), 0.024, 1e-3);
 }
 
-// off, it costs nothing and changes nothing; on, it changes nothing where nothing touches
+// Switched off, it costs and changes nothing; switched on, it changes nothing without contact.
 TEST(SelfContact, IsOffUnlessItIsAskedFor)
 {
     std::vector<double> positions[2];
@@ -385,7 +392,8 @@ TEST(SelfContact, IsOffUnlessItIsAskedFor)
     EXPECT_EQ(positions[0], positions[1]);
 }
 
-// Where tissue ends within the elements that slide, the corners of its surface are points of other elements (outside.h); the sides of what is parted stay those of fragments, and meet at rest.
+// Where tissue ends within sliding elements, the corners of its surface are points of other elements (outside.h). The
+// sides of a cut stay those of the fragments, and touch at rest.
 TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
 {
     const int size[3] = {16, 16, 16};

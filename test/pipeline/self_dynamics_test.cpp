@@ -1,4 +1,4 @@
-// Blocks in explicit dynamics that fall on one another, lie in a stack, and collide in flight.
+// Blocks in explicit dynamics that fall onto one another, rest in a stack, and collide in flight.
 #include "body.h"
 #include "fem/dynamics/tled.h"
 #include "fem/dynamics/touch.h"
@@ -10,9 +10,9 @@
 
 namespace {
 
-constexpr double h = 0.01; // of an element
+constexpr double h = 0.01; // element size
 
-// Blocks of 3 x 3 x 2 elements one above the other, with an element of nothing between them
+// Blocks of 3 x 3 x 2 elements one above the other, separated by one empty element.
 struct Pile : Body {
     static std::vector<int> size_of(int blocks) { return {6, 6, 2 * (3 * blocks - 1)}; }
     static std::vector<double> box_of(int blocks) { return {3 * h, 3 * h, (3 * blocks - 1) * h}; }
@@ -32,7 +32,7 @@ struct Pile : Body {
         scene.model.gravity[2] = -9.81;
     }
     int block_of(int32_t node) const { return static_cast<int>(data->body->fine.rest[3 * node + 2] / (3 * h) + 1e-6); }
-    // lowest or highest point of a block
+    // Return the lowest or highest point of a block.
     double end(int block, bool top) const
     {
         double out = top ? -1 : 1;
@@ -44,7 +44,7 @@ struct Pile : Body {
     {
         for (int s = 0; s < steps; s++) ASSERT_EQ(pliant_step(model, data), PLIANT_OK) << pliant_last_error();
     }
-    // of what presses: how far the points are from each other
+    // Return the maximum distance between the two sides of pressed points.
     double worst_gap() const
     {
         double worst = 0;
@@ -99,7 +99,7 @@ TEST(SelfDynamics, AStackOfFiveStays)
     EXPECT_GT(top, 0.9 * 10 * h);
 }
 
-// Two blocks in flight that meet off their centres, and turn
+// Two blocks in flight that collide off-centre and rotate.
 struct Flight : Pile {
     double substep = 0;
 
@@ -120,7 +120,7 @@ struct Flight : Pile {
             data->tled->d[3 * n] = (block_of(n) ? -0.2 : 0.2) * speed * substep;
         }
     }
-    // momentum [N s] and its moment [N m s], of half a sub-step ago
+    // Return linear and angular momentum [N s, N m s], half a sub-step earlier.
     void momenta(double out[6]) const
     {
         std::fill(out, out + 6, 0);
@@ -171,12 +171,13 @@ TEST(SelfDynamics, CollisionsKeepMomentum)
     }
 }
 
-// Throws of the blocks: how much energy they have at most, and how much more than in the frame before, over that at first
+// Results of throwing the blocks: maximum energy, and maximum increase per frame,
+// relative to the initial energy.
 struct Thrown {
     double most = 0, gains = 0;
     int met = 0, deep = 0;
 
-    // at a speed and a spin [rad/s] about the middle of both, of the upper block or the other
+    // Set a speed, and an angular velocity [rad/s] about the common centre, of the upper block or the lower one.
     static void set(Flight *flight, bool upper, const double speed[3], const double spin[3])
     {
         const double middle[3] = {1.5 * h, 1.5 * h, (upper ? 4 : 1) * h};
@@ -210,8 +211,8 @@ struct Thrown {
     }
 };
 
-// Edges are deep in each other when they are found, and what puts them apart must not throw them. In sub-steps of a third, what central differences
-// are off by is less than what is looked for.
+// Edges penetrate deeply before detection, and their correction must not accelerate them. Sub-steps of a third make the
+// error of central differences smaller than the tested effect.
 TEST(SelfDynamics, CollisionsOfAnyKindGainNothing)
 {
     std::mt19937 random(5);
@@ -232,7 +233,7 @@ TEST(SelfDynamics, CollisionsOfAnyKindGainNothing)
     EXPECT_LT(thrown.gains, 0.01);
 }
 
-// Nor does what stands still give more than what points that share nodes give, each of which is put right by itself
+// Against an obstacle, the gain is limited to that of points that share nodes, each of which is corrected separately.
 TEST(SelfDynamics, WhatIsThrownAtABoxGainsLittle)
 {
     std::mt19937 random(5);
@@ -256,7 +257,8 @@ TEST(SelfDynamics, WhatIsThrownAtABoxGainsLittle)
     EXPECT_LT(thrown.gains, 0.1);
 }
 
-// A node and a triangle, or two edges, of any masses, that meet at any speed and angle: many sub-steps of contact, without any forces of elements
+// A node and a triangle, or two edges, of any masses, meeting at any speed and angle: many sub-steps of contact without
+// element forces.
 struct FourNodes {
     double rest[12] = {0.3, 0.3, 1e-4, 0, 0, 0, 1, 0, 0, 0, 1, 0}, u[12], d[12], acceleration[12] = {}, inverse_mass[4];
     pliant_contact_point point = {};
@@ -322,7 +324,8 @@ TEST(SelfDynamics, APointNeitherPushesNorTurnsTheWhole)
     EXPECT_GT(shifted, 100);
 }
 
-// [C] 5.2: nodes of tetrahedra that overlap are pushed against their own movement, one cycle later, or at once; what is at rest stays where it is.
+// [C] 5.2: nodes of overlapping tetrahedra are pushed against their own motion, one cycle later or immediately; nodes
+// at rest stay.
 struct Slowed : Flight {
     explicit Slowed(bool delay, double speed, double apart, double punishment = 0.5) : Flight(0)
     {
@@ -349,7 +352,7 @@ TEST(SelfDynamics, ThePapersResponseSlowsWhatOverlaps)
     for (const bool delay : {true, false}) {
         Slowed pile(delay, 0.5, 0.1 * h);
         const double start = pile.momentum();
-        pile.run(1); // it goes by 5 mm, and begins apart
+        pile.run(1); // it moves by 5 mm, and starts separated
         EXPECT_EQ(pile.data->statistics.contacts > 0, !delay);
         EXPECT_EQ(std::fabs(pile.momentum() - start) > 0.02 * std::fabs(start), !delay);
         const double before = pile.momentum();

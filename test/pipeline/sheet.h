@@ -1,4 +1,4 @@
-// A sheet of tissue that tools meet, and tools.
+// A sheet of tissue, and tools.
 #ifndef PLIANT_TEST_SHEET_H
 #define PLIANT_TEST_SHEET_H
 
@@ -7,7 +7,7 @@
 
 // A sheet of 60 x 60 x 4 mm at z = 0 to 4 mm, fixed at two sides.
 struct Sheet : Body {
-    // also: what else the scene says
+    // also: further settings of the scene
     explicit Sheet(int threads = 2, double friction = 0.08, double budget_ms = 0, pliant_element_kind element = PLIANT_LINEAR, bool dynamic = false,
                    const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {})
         : Body(size, box, {{4000, 0.4, 1000, false}})
@@ -39,7 +39,7 @@ struct Sheet : Body {
         const double tip[3] = {x, y, z};
         ASSERT_EQ(pliant_tool_set_pose(data, tool, tip, rotation), PLIANT_OK);
     }
-    // of any node from where it rests, but for those of pieces; NAN: a position is none
+    // Return the maximum displacement of a node that belongs to no piece; NAN if a position is invalid.
     double farthest() const
     {
         double most = 0;
@@ -53,7 +53,7 @@ struct Sheet : Body {
         }
         return most;
     }
-    // the deepest that a node is in a tool
+    // Return the maximum penetration depth of a node in a tool.
     double deepest(int index) const
     {
         const pliant_tool &tool = data->tools[index];
@@ -70,7 +70,7 @@ struct Sheet : Body {
         return -least;
     }
 
-    // the same of its triangles
+    // Return the same for the surface triangles.
     double deepest_of_surface(int index) const
     {
         enum { PARTS = 16 };
@@ -90,7 +90,7 @@ struct Sheet : Body {
                 }
         return -least;
     }
-    // elements that are inside out
+    // Return the number of inverted elements.
     int turned() const
     {
         int count = 0;
@@ -104,7 +104,7 @@ struct Sheet : Body {
         }
         return count;
     }
-    // whether a tool would be in one of the two sides that are fixed with its tip there
+    // Return whether a tool with its tip at this position would intersect one of the two fixed sides.
     bool is_in_what_is_held(int index, const double tip[3]) const
     {
         const pliant_tool &tool = data->tools[index];
@@ -120,7 +120,7 @@ struct Sheet : Body {
         }
         return false;
     }
-    // points along the middle of a tool's only part that lie in tissue
+    // Return the number of points along the axis of a tool's only part that lie in tissue.
     int middles_inside(int index) const
     {
         enum { POINTS = 200 };
@@ -135,7 +135,7 @@ struct Sheet : Body {
             for (int d = 0; d < 3; d++) {
                 const bool solid = part.kind == PLIANT_PART_SOLID, box = part.kind == PLIANT_PART_BOX;
                 const double from = box && d < 2 ? 0.5 * (part.from[d] + part.to[d]) : part.from[d], to = box && d < 2 ? from : solid ? (d == 2 ? 0.02 : 0) : part.to[d];
-                local[d] = from + (to - from) * (p + 2) / (POINTS + 4); // not in its ends
+                local[d] = from + (to - from) * (p + 2) / (POINTS + 4); // without the ends
             }
             pliant_pose_to(&pose, local, at);
             for (int32_t t = 0; t < fine.num_tets; t++) {
@@ -166,7 +166,7 @@ private:
 constexpr int Sheet::size[3];
 constexpr double Sheet::box[3];
 
-// along y, across the sheet
+// Return a rod along y, across the sheet.
 inline pliant_tool_shape rod(double radius, double length = 0.1)
 {
     pliant_tool_shape shape{};

@@ -1,4 +1,4 @@
-// The solve as users meet it: stops, limits, extremes, determinism, memory.
+// Solver features visible to users: cancellation, limits, extreme input, determinism, memory.
 #include "beam.h"
 
 #include "state/data.h"
@@ -56,7 +56,7 @@ TEST(Solver, SameInputSameBits)
             prepare(body, method);
             body.scene.solver.threads = run == 2 ? 1 : 2;
             ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
-            if (run == 1) { // after a reset as well
+            if (run == 1) { // also after a reset
                 pull(body, 7, 0.01);
                 ASSERT_EQ(pliant_data_reset(body.model, body.data), PLIANT_OK);
             }
@@ -67,8 +67,8 @@ TEST(Solver, SameInputSameBits)
     }
 }
 
-// A soft bar, held at one end, in a box of air; weight that turns over presses it into the air below and above. Air that is
-// squeezed through itself must neither keep the solve from ending nor hold the bar up.
+// A soft bar, fixed at one end, in a box of air. Reversing its weight presses it into the air below and above. Inverted
+// air elements must neither prevent convergence nor support the bar.
 TEST(Solver, AirSqueezedFlatLetsGo)
 {
     auto bar = [](int, int, int k) { return k >= 8 && k < 16 ? 0 : 1; };
@@ -108,8 +108,8 @@ TEST(Solver, AirSqueezedFlatLetsGo)
     EXPECT_LT(apart, 0.1 * moved); // the air is stretched to several times its length, and carries a part
 }
 
-// A bar far too soft for its weight refuses much. With one trial a step, refusals go on through the steps to plain and to ever
-// shorter ones: none is tried again and again.
+// A bar far too soft for its weight causes many rejected trials. With one trial per step, rejections continue over the
+// steps to plain and ever shorter ones, and none is repeated endlessly.
 TEST(Solver, RefusalsGoOnFromStepToStep)
 {
     const int bar_size[3] = {24, 8, 8};
@@ -129,10 +129,10 @@ TEST(Solver, RefusalsGoOnFromStepToStep)
         most = std::max(most, same);
         before = refused;
     }
-    EXPECT_LE(most, 1); // without large secants is a trial of its own
+    EXPECT_LE(most, 1); // one trial per step without large secants
 }
 
-// A long step that led down may lead nowhere when its turn comes, under other loads.
+// A long step that would have decreased the energy may no longer do so under other loads.
 TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
 {
     const double gravity[3] = {3, 0, -9.81};
@@ -143,18 +143,18 @@ TEST(Solver, AStepThatNoLongerLeadsDownIsLeft)
     ASSERT_EQ(pliant_data_set_gravity(body.data, gravity), PLIANT_OK);
     ASSERT_EQ(body.settle(), PLIANT_OK);
     body.data->solver->asked.converged = false;
-    body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is refused sooner or later
+    body.data->solver->rules.tolerance = 0; // down to rounding, where every trial is rejected eventually
     const uint64_t rejected = body.data->statistics.rejected;
     for (int f = 0; f < 3; f++) {
-        body.data->solver->rules.descent = 1e200; // no state at all
+        body.data->solver->rules.descent = 1e200; // not a valid state
         ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         EXPECT_LT(body.data->statistics.residual, 1e-6);
     }
     EXPECT_GE(body.data->statistics.rejected, rejected + 12);
 }
 
-// Large enough for CHOLMOD to call BLAS, from the step and from the background at once: a BLAS that is not safe for that changes
-// results from run to run.
+// Large enough for CHOLMOD to call BLAS from the step and from the background at once. A BLAS that is not thread-safe
+// would change results from run to run.
 TEST(Solver, SameBitsWhileAFactorIsMade)
 {
     std::vector<double> first;
@@ -174,7 +174,7 @@ TEST(Solver, SameBitsWhileAFactorIsMade)
 
 TEST(Solver, StepsMeetTheSettledState)
 {
-    // 20 steps of at most 6 iterations end within 1 % of the state solved to a tight tolerance
+    // 20 steps of at most 6 iterations end within 1 % of a tightly converged state
     Body quick(size, box, two, stripes), exact(size, box, two, stripes);
     prepare(quick);
     prepare(exact);
@@ -209,7 +209,7 @@ TEST(Solver, SaysWhenItDoesNotConverge)
     EXPECT_EQ(body.data->statistics.not_converged, 1u);
 }
 
-// Nothing fits into a budget of a nanosecond but the evaluation that every step begins with.
+// A budget of a nanosecond permits only the evaluation at the beginning of every step.
 TEST(Solver, KeepsToItsTime)
 {
     for (double budget : {1e-6, 1e6}) {
@@ -223,7 +223,7 @@ TEST(Solver, KeepsToItsTime)
     }
 }
 
-// The error told has the size of the true one: against the same pull solved to a tight tolerance.
+// The error estimate has the size of the true error, relative to the same pull solved to a tight tolerance.
 TEST(Solver, TellsItsError)
 {
     Body exact(size, box, two, stripes);
@@ -250,13 +250,14 @@ TEST(Solver, TellsItsError)
 
 enum Load { MOVED, SPRUNG, FORCED, HEAVIER };
 
-// thirty frames of one load that grows: positions after each, and what each step tells of the one before and of itself
+// Thirty frames of one increasing load: positions after each, and the error estimates of the previous step and of the
+// step itself.
 struct Frames {
     std::vector<std::vector<double>> positions;
     std::vector<double> before, now;
 };
 
-// forgetful: no step knows what the one before has evaluated
+// forgetful: no step uses the evaluation of the previous one
 Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
 {
     Frames out;
@@ -287,7 +288,7 @@ Frames frames(Body &body, Load load, bool settled, bool forgetful = false)
     return out;
 }
 
-// What a state lacks is told by the step that ends with it, and again by the next one.
+// The error of a state is estimated by its own step, and again by the next one.
 TEST(Solver, TellsHowGoodItsStepsAre)
 {
     int counted = 0, within = 0, judged = 0, within_before = 0;
@@ -311,7 +312,7 @@ TEST(Solver, TellsHowGoodItsStepsAre)
                 const std::vector<double> &x = stopped.positions[f], &y = right.positions[f];
                 for (size_t n = 0; n < x.size(); n += 3)
                     error = std::fmax(error, std::hypot(std::hypot(x[n] - y[n], x[n + 1] - y[n + 1]), x[n + 2] - y[n + 2]));
-                if (error < 1e-9) continue; // nothing is left to judge
+                if (error < 1e-9) continue; // too small to compare
                 const double at_once = stopped.now[f] / error, before = f + 1 < stopped.before.size() ? stopped.before[f + 1] / error : 1;
                 counted++;
                 within += at_once > 1 / 3.0 && at_once < 3;
@@ -330,12 +331,12 @@ TEST(Solver, TellsHowGoodItsStepsAre)
     EXPECT_GE(within_before, 0.95 * judged);
 }
 
-// A step begins with what the one before has evaluated at its end: as if it had done so itself, bit for bit.
+// A step reuses the final evaluation of the previous step, with bitwise identical results to computing it.
 TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
 {
     for (pliant_preconditioner_choice choice : {PLIANT_DIRECT, PLIANT_MULTIGRID})
         for (Load load : {MOVED, SPRUNG, FORCED, HEAVIER}) {
-            if (choice == PLIANT_MULTIGRID && (load == MOVED || load == FORCED)) continue; // as the others
+            if (choice == PLIANT_MULTIGRID && (load == MOVED || load == FORCED)) continue; // same as the other loads
             Body knows(size, box, two, stripes), asks(size, box, two, stripes);
             Frames out[2];
             for (Body *body : {&knows, &asks}) {
@@ -351,7 +352,7 @@ TEST(Solver, BeginsWithWhatTheStepBeforeKnows)
         }
 }
 
-// nothing moves, nothing is computed; whatever is asked for ends that
+// A step without changes computes nothing; any change ends that.
 TEST(Solver, AStepThatWouldFindNothingToDoDoesNothing)
 {
     const int size[3] = {8, 8, 8};
@@ -410,8 +411,8 @@ TEST(Solver, ExtremesStayFiniteAndComeBack)
     }
 }
 
-// At once on the edge of the tip: on the way elements turn inside out, where the exact stiffness is not positive definite. A factor that is refused there is no
-// error for who reads the log.
+// All forces act at once on the edge of the tip. Elements invert during the iterations, where the exact stiffness is
+// not positive definite. A failed factorization there is not logged as an error.
 TEST(Solver, SevenForcesOnNearlyIncompressibleTissueSettle)
 {
     static std::atomic<int> errors;
@@ -526,7 +527,7 @@ TEST(Solver, FailingAllocationsNeverLeak)
     }
 }
 
-// Under a load that would bring a body hundreds of its lengths away it stays where it was.
+// Under a load that would move a body by hundreds of its lengths, it keeps its state.
 TEST(Solver, WhatIsFarFromTheBodyIsNoState)
 {
     const int voxels[3] = {8, 4, 4};

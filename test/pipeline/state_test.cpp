@@ -1,4 +1,5 @@
-// The simulation state: restore gives the saved bits, the same steps follow each time, and a failed step changes nothing.
+// The simulation state: restore gives the saved bits, the same steps follow each time, and a failed step changes
+// nothing.
 #include "body.h"
 #include "fem/dynamics/tled.h"
 #include "pliant/contact.h"
@@ -46,7 +47,7 @@ const Case all[] = {{"direct", false, false, [](pliant_scene &scene) { scene.sol
 const int size[3] = {8, 8, 32};
 const double box[3] = {0.04, 0.04, 0.16};
 
-// a bar that hangs from its top at z = 0.16
+// A bar that hangs from its top at z = 0.16.
 struct Bar : Body {
     explicit Bar(const Case &of, pliant_backend_choice backend = PLIANT_CPU) : Body(size, box, {{20000, 0.4, 1000, false}})
     {
@@ -136,13 +137,13 @@ public:
     pliant_state *saved_ = nullptr, *other_ = nullptr;
 };
 
-// on a GPU where there is one
+// on a GPU if there is one
 class AnyState : public State {
 public:
     AnyState() : State(PLIANT_AUTO) {}
 };
 
-// names of what differs
+// Return the names of the differences.
 std::string difference(const pliant_state &a, const pliant_state &b)
 {
     std::string names;
@@ -163,7 +164,7 @@ std::string difference(const pliant_state &a, const pliant_state &b)
         add(std::memcmp(&s, &u, sizeof s) == 0, s.name);
     }
     pliant_statistics p = a.statistics, q = b.statistics;
-    p.bytes = q.bytes = p.failed = q.failed = 0; // not of the simulation
+    p.bytes = q.bytes = p.failed = q.failed = 0; // not part of the simulation
     std::fill(p.seconds, p.seconds + PLIANT_NUM_STEP_STAGES, 0.0);
     std::fill(q.seconds, q.seconds + PLIANT_NUM_STEP_STAGES, 0.0);
     add(std::memcmp(&p, &q, sizeof p) == 0, "statistics");
@@ -186,7 +187,7 @@ TEST_P(AnyState, IsRestoredToTheBitAndTheSameStepsFollow)
         if (again == 0) first = next;
         EXPECT_EQ(next, first);
     }
-    if (GetParam().is_explicit) EXPECT_EQ(first, straight); // nothing makes its steps faster
+    if (GetParam().is_explicit) EXPECT_EQ(first, straight); // it has no history that accelerates its steps
     ASSERT_EQ(first.size(), straight.size());
 }
 
@@ -227,7 +228,7 @@ TEST_P(State, WithoutMemoryNothingChanges)
     EXPECT_GT(failed[1], 5);
 }
 
-// each allocation of a step fails, and tissue slips out of the grasp in it
+// Each allocation of a step fails, also in a step in which tissue slips out of the grasp.
 TEST_P(State, AStepThatFailsLeavesIt)
 {
     pliant_data *data = body_.data;
@@ -256,7 +257,7 @@ TEST_P(State, AStepThatFailsLeavesIt)
     EXPECT_FALSE(data->tools[0].holding);
 }
 
-// Positions, velocities and the number of sub-steps are as before, however often sub-steps were halved.
+// Positions, velocities and the number of sub-steps are restored, however often sub-steps were halved.
 class ExplicitState : public State {};
 TEST_P(ExplicitState, AStepThatDivergesLeavesIt)
 {
@@ -284,7 +285,7 @@ std::vector<char> bytes_of(const pliant_state *state)
     return bytes;
 }
 
-// a file, another process: the model is built again, and its body cut again
+// Restore in another process: build the model again, and cut its body again.
 TEST_P(AnyState, IsReadFromBytes)
 {
     Bar later(GetParam(), PLIANT_AUTO);
@@ -293,7 +294,7 @@ TEST_P(AnyState, IsReadFromBytes)
     ASSERT_EQ(pliant_state_save(body_.model, data, saved_), PLIANT_OK);
     const std::vector<char> bytes = bytes_of(saved_);
     const std::vector<double> straight = go_on(data);
-    pliant_contact_search *search = nullptr; // bytes have no memory of it
+    pliant_contact_search *search = nullptr; // the search state is not part of the bytes
     std::swap(search, saved_->contact[0].search);
     ASSERT_EQ(pliant_state_restore(body_.model, data, saved_), PLIANT_OK);
     std::swap(search, saved_->contact[0].search);
@@ -338,7 +339,7 @@ TEST_P(State, OfOtherBytesIsRefused)
     bad[good.size() / 2] ^= 1;
     refused(bad, "damaged");
     bad = good;
-    bad[8] ^= 2; // its format
+    bad[8] ^= 2; // of its format
     refused(bad, "read it with the version that wrote it");
     bad = good;
     bad[32] ^= 2; // of its mesh
@@ -347,7 +348,7 @@ TEST_P(State, OfOtherBytesIsRefused)
     EXPECT_EQ(pliant_state_read(body_.model, body_.data, body_.data->body, good.size(), good.data(), other_), PLIANT_OK);
 }
 
-// sub-steps that were halved, holds, contacts and cuts leave nothing behind
+// Halved sub-steps, grasps, contacts and cuts leave nothing behind.
 TEST_P(AnyState, ResetStartsAsALoad)
 {
     Bar loaded(GetParam(), PLIANT_AUTO);

@@ -1,4 +1,4 @@
-// The stiffness of what strokes leave: of every element, and of a whole piece that has come off.
+// Stiffness after random strokes: of every element, and of a whole detached piece.
 #include "../elements.h"
 #include "sim/build/discretization.h"
 
@@ -41,7 +41,8 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
         ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
         if (strokes % 6 == 5) ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
     }
-    const double points[6] = {-0.02, -0.05, 0.084, 0.09, -0.05, 0.078}, depth[3] = {0, 0.15, 0}; // and one through all of it
+    // and one through all of it
+    const double points[6] = {-0.02, -0.05, 0.084, 0.09, -0.05, 0.078}, depth[3] = {0, 0.15, 0};
     ASSERT_EQ(pliant_data_cut(body.model, body.data, 2, points, depth, nullptr), PLIANT_OK) << pliant_last_error();
     ASSERT_TRUE(body.data->body->pieces);
     const Elements elements(*body.data->discretization->system);
@@ -55,8 +56,8 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
             low = std::min(low, elements.rest(n)[2]);
             high = std::max(high, elements.rest(n)[2]);
         }
-        coarse += high - low > 0.015; // fine ones are 0.01 high
-        // a tetrahedron beside coarse ones has corners that follow two nodes
+        coarse += high - low > 0.015; // fine elements are 0.01 high
+        // a tetrahedron next to coarse elements has corners that depend on two nodes
         const size_t rank = GetParam().element == PLIANT_LINEAR ? 6 : 3 * nodes.size() - 6;
         expect_rigid_modes(elements, nodes, stiffness, rank, "element " + std::to_string(e));
         if (HasFatalFailure()) return;
@@ -65,7 +66,8 @@ TEST_P(EveryElement, IsPositiveSemidefiniteWithItsRigidModes)
     EXPECT_GT(tets, 20);
     if (GetParam().element == PLIANT_HEXAHEDRA) EXPECT_GT(hexahedra, 10);
     EXPECT_EQ(coarse > 3, !fine) << coarse;
-    // what hangs together by faces, with nothing held; the rest has hinges. Solved beside coarse elements are no pieces that have come off.
+    // Parts connected by faces, with nothing fixed; other connections are hinges. Parts solved together with coarse
+    // elements are no detached pieces.
     size_t most = 0;
     const std::vector<std::vector<int32_t>> pieces = elements.pieces();
     for (const std::vector<int32_t> &piece : pieces) {

@@ -1,4 +1,4 @@
-// Random sweeps of tools through a sheet of tissue, and what comes of them.
+// Random sweeps of tools through a sheet of tissue, and their results.
 #ifndef PLIANT_TEST_SWEEPS_H
 #define PLIANT_TEST_SWEEPS_H
 
@@ -11,13 +11,15 @@
 #include <random>
 #include <vector>
 
-// What else there is, beside the sweep.
+// Additional feature of the scene.
 enum class Beside { Nothing, Piece /* has come off */, Patch /* serves a ball that presses a corner */ };
 
-// Of steps: until they are solved, within a budget, or even, as live ones are; of which elements; of explicit dynamics; by which method, on coarse elements of twice the width.
+// Modes of steps: until convergence, within a budget, or with even duration as live ones; element kind; explicit
+// dynamics; or a coarse method with elements twice as wide.
 struct Mode {
     double budget_ms = 0;
-    pliant_background_kind background = PLIANT_BACKGROUND_PLANNED; // prescribed: as in a live run in which nothing that is made in the background comes in time, which is the same everywhere
+    // prescribed: as in a live run without background results, which is reproducible on every machine
+    pliant_background_kind background = PLIANT_BACKGROUND_PLANNED;
     pliant_element_kind element = PLIANT_LINEAR;
     bool dynamic = false;
     pliant_method method = PLIANT_FINE;
@@ -25,24 +27,24 @@ struct Mode {
     pliant_backend_choice backend = PLIANT_AUTO;
 };
 
-// A tool and its way into the sheet.
+// A tool and its path into the sheet.
 struct Way {
     pliant_part part;
     double from[3], way[3], rotation[4], friction;
-    double beyond; // the sheet's middle [m]
-    double speed = 1; // [m/s]
+    double beyond; // distance of its end beyond the sheet's middle [m]
+    double speed = 1; // maximum speed [m/s]
     double stride() const { return 0.02 * speed; }
     int steps() const { return static_cast<int>(std::ceil(std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) / stride())); }
 };
 
-// What comes of it, at 1 m/s 20 mm a step, and four steps of rest.
+// Results of a sweep (20 mm per step at 1 m/s) and four steps of rest.
 struct Swept {
-    double deepest, carried; // of points of the surface in the tool; the farthest that a node has gone
-    int inside;              // points of the tool's middle that lie in a tetrahedron
-    int turned;              // elements that are inside out
-    double proxy_error;      // of the tool, in the end [m]
-    int32_t evaluations, legs; // the most of any step
-    bool meets_held;         // on its way it is in a side of the sheet that is held where it is: tissue cannot make way there, whatever is done
+    double deepest, carried; // maximum penetration depth of surface points; maximum displacement of a node
+    int inside;              // number of points on the tool's axis that lie in a tetrahedron
+    int turned;              // number of inverted elements
+    double proxy_error;      // of the tool, at the end [m]
+    int32_t evaluations, legs; // maximum over the steps
+    bool meets_held;         // the path intersects a fixed side of the sheet, where tissue cannot yield
 };
 
 inline void move(Sheet &sheet, int tool, const Way &on, int step)
@@ -59,7 +61,8 @@ inline pliant_tool_shape shape_of(const pliant_part &part)
     return shape;
 }
 
-// On the way of a step, by quarters of the tool's depth: a side of 4 mm that is held lies between the poses of two steps otherwise.
+// Check the path of a step in increments of a quarter of the tool's thickness, because a fixed side of 4 mm may lie
+// between the poses of two steps.
 inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step)
 {
     const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
@@ -71,7 +74,7 @@ inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, i
     return false;
 }
 
-// A part of the sheet's free side is cut off, and far from it.
+// Cut off a part of the sheet's free side, far from the sweep.
 inline void cut_off(Sheet &sheet)
 {
     const double way[12] = {0.0213, -0.01, 0.01, 0.0213, 0.0063, 0.01, 0.0387, 0.0063, 0.01, 0.0387, -0.01, 0.01}, down[3] = {0, 0, -0.02};
@@ -83,7 +86,7 @@ inline void cut_off(Sheet &sheet)
     ASSERT_EQ(pliant_data_set_positions(sheet.model, sheet.data, positions.data()), PLIANT_OK) << pliant_last_error();
 }
 
-// A ball presses a corner of the sheet until a patch serves it.
+// Press a corner of the sheet with a ball until a patch serves it.
 inline void press_a_corner(Sheet &sheet)
 {
     const int tool = sheet.add("press", ball(0.004), 0.012, 0.008, 0.009);
@@ -136,7 +139,7 @@ inline int number_from(const char *name, int otherwise)
     return asked ? std::atoi(asked) : otherwise;
 }
 
-// Needles, rods, balls, blades, and rods with flat ends as fields and as hulls, as they come.
+// Random needles, rods, balls, blades, and rods with flat ends, as distance fields and as hulls.
 class Sweeps {
 public:
     Sweeps()
@@ -162,7 +165,8 @@ public:
         };
         const bool lies = number++ % 7 == 2;
         const double side = random(0, 1) < 0.5 ? -1 : 1, tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
-        const double across = 0.15 * std::cos(about); // of a rod along the sheet's free way: what is fixed is not swept
+        // of a rod along the sheet's free direction, because the fixed sides are not swept
+        const double across = 0.15 * std::cos(about);
         const double beyond = random(0.004, 0.024), clear = random(0.001, 0.012) + (lies ? 0.05 : 0.012);
         Way out = {parts[(number - 1) % 7], {random(0.025, 0.035), random(0.025, 0.035), 0.002 + side * (0.002 + clear)}, {}, {}, 0, beyond};
         out.way[0] = random(-0.005, 0.005);
@@ -187,14 +191,16 @@ private:
     int number = 0;
 };
 
-// It is in tissue, or the surface reaches its middle, or the sheet has not gone along as far as the tool's proxy, or has gone who knows where.
+// Return whether the tool has tunneled or the result is invalid: it is in tissue, the surface reaches its axis, the
+// sheet has moved less than the tool's proxy, or it has moved too far.
 inline bool is_through(const Swept &swept, const Way &on)
 {
     return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);
 }
 
-// As many of them as PLIANT_SWEEPS says, or `otherwise`, from PLIANT_SWEEPS_FIRST on, at PLIANT_SWEEPS_SPEED m/s: a line for each that gets through, turns elements inside out or is left
-// deep in tissue, as soon as it is known, and one in the end. Those into what is held do not count. How many get through.
+// Run PLIANT_SWEEPS sweeps (default: `otherwise`) starting at PLIANT_SWEEPS_FIRST, at PLIANT_SWEEPS_SPEED m/s. Print a
+// line for each sweep that tunnels, inverts elements or ends deep in tissue, and one at the end. Sweeps into a fixed
+// side do not count. Return the number of tunneling sweeps.
 inline int count_swept_through(int otherwise, Mode mode)
 {
     const int count = number_from("PLIANT_SWEEPS", otherwise), first = number_from("PLIANT_SWEEPS_FIRST", 0);

@@ -1,4 +1,5 @@
-// Explicit dynamics: nothing passes through tissue at 1 m/s, whatever it is and wherever it goes; frames in parts are undone, copied and played back as others are.
+// Explicit dynamics: no tool tunnels through tissue at 1 m/s, with any shape and path. Frames in several parts are
+// undone, copied and replayed like others.
 #include "sweeps.h"
 
 #include "fem/dynamics/tled.h"
@@ -12,13 +13,14 @@ constexpr Mode dynamic = {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, true};
 
 std::vector<double> positions_of(const Sheet &sheet, const pliant_data *data) { return {data->positions, data->positions + 3 * sheet.model->body->fine.num_nodes}; }
 
-// Of everything that passes where points are found once a frame. PLIANT_SWEEPS, PLIANT_SWEEPS_FIRST: as in swept_test.
+// These sweeps include all that tunnel if points are detected once per frame. PLIANT_SWEEPS, PLIANT_SWEEPS_FIRST: as in
+// swept_test.
 TEST(SweptDynamics, NothingIsSweptThroughTheSheet)
 {
     EXPECT_EQ(count_swept_through(140, dynamic), 0);
 }
 
-// Of the first 10,000: all were lost in a frame in which the tool rests and tissue slides off its end
+// Regression sweeps among the first 10,000, in which the tool rests and tissue slides off its end.
 TEST(SweptDynamics, ThoseThatOnceWentThroughDoNot)
 {
     for (const int number : {2615, 2741, 2930, 3013, 8915, 8918, 8929, 9641}) {
@@ -28,7 +30,7 @@ TEST(SweptDynamics, ThoseThatOnceWentThroughDoNot)
     }
 }
 
-// A sheet that a tool goes into at 1 m/s, as one of the random sweeps.
+// A sheet that a tool enters at 1 m/s, as in one of the random sweeps.
 struct Dip {
     explicit Dip(int number) : on(Sweeps().at(number)), sheet(1, on.friction, 0, PLIANT_LINEAR, true), tool(sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2])) {}
     int steps() const { return on.steps() + 4; }
@@ -44,7 +46,7 @@ struct Dip {
     int tool;
 };
 
-// What a simulation goes on with: positions, speeds, the tool's force, the points of contact.
+// Return the state from which a simulation continues: positions, velocities, tool force, contact points.
 std::vector<double> state_of(const Dip &run, const pliant_data *data)
 {
     std::vector<double> out = positions_of(run.sheet, data);
@@ -58,7 +60,8 @@ std::vector<double> state_of(const Dip &run, const pliant_data *data)
     return out;
 }
 
-// Wherever memory runs out in it, a frame in parts leaves the state before it, and goes on from there to the bit as if nothing had been; or it is done.
+// If memory is exhausted anywhere in a frame with several parts, the frame is completed, or the state before it is
+// restored. In the latter case the next attempt is bitwise identical to an undisturbed run.
 void is_undone(int number)
 {
     Dip whole(number);
@@ -92,10 +95,11 @@ void is_undone(int number)
 TEST(SweptDynamics, AFrameInPartsThatFailsIsUndone)
 {
     is_undone(0);
-    is_undone(9641); // some of whose parts are run again
+    is_undone(9641); // some of its parts are repeated
 }
 
-// The same poses lead to the same bits, from a copy in its midst, too, whether what it began with is kept there or not.
+// The same poses give bitwise identical results, also from a copy made in between, whether or not the initial state is
+// kept.
 TEST(SweptDynamics, ACopyGoesOnToTheBit)
 {
     for (const int number : {0, 3, 4, 9641}) {
@@ -114,7 +118,7 @@ TEST(SweptDynamics, ACopyGoesOnToTheBit)
     }
 }
 
-// What is pressed slowly is run as a whole.
+// A slow press is computed in one part.
 TEST(SweptDynamics, ASlowToolPaysNothing)
 {
     Sheet sheet(1, 0.2, 0, PLIANT_LINEAR, true);
@@ -128,7 +132,7 @@ TEST(SweptDynamics, ASlowToolPaysNothing)
     EXPECT_GT(sheet.data->statistics.contacts, 0);
 }
 
-// A thin one that crosses the air above it at 0.25 m/s, too; where it comes to the sheet, frames are run in parts.
+// A thin tool that moves through air at 0.25 m/s needs no parts either; near the sheet, frames are divided.
 TEST(SweptDynamics, AToolInTheAirPaysNothing)
 {
     Sheet sheet(1, 0.2, 0, PLIANT_LINEAR, true);
@@ -146,7 +150,8 @@ TEST(SweptDynamics, AToolInTheAirPaysNothing)
     EXPECT_GT(sheet.farthest(), 0.002);
 }
 
-// A frame has its sub-steps, in however many parts it is run, and forces are its mean: what has been pushed has what the tool gave.
+// A frame has its number of sub-steps in any number of parts, and forces are the mean: the momentum of the pushed
+// tissue equals the tool's impulse.
 TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
 {
     const int size[3] = {4, 4, 4};
@@ -158,7 +163,7 @@ TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
     cube.scene.tled.damping = 0;
     cube.scene.contact.friction = 0.3;
     cube.scene.ground.normal[2] = 1;
-    cube.scene.ground.point[2] = -10; // what falls is allowed
+    cube.scene.ground.point[2] = -10; // falling is permitted
     ASSERT_EQ(cube.build(), PLIANT_OK) << pliant_last_error();
     const int tool = cube.add_ball(0.004);
     double before[3] = {0, 0, 0}, pushed = 0;
@@ -169,7 +174,8 @@ TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
         ASSERT_EQ(pliant_tool_set_pose(cube.data, tool, tip, nullptr), PLIANT_OK);
         const int32_t halvings = cube.data->tled->halvings;
         ASSERT_EQ(pliant_step(cube.model, cube.data), PLIANT_OK) << pliant_last_error();
-        if (cube.data->tled->halvings == halvings) EXPECT_EQ(static_cast<int32_t>(cube.data->statistics.iterations), cube.data->tled->substeps); // halved on the way: fewer
+        // halved in between: fewer
+        if (cube.data->tled->halvings == halvings) EXPECT_EQ(static_cast<int32_t>(cube.data->statistics.iterations), cube.data->tled->substeps);
         parts = std::max(parts, cube.data->statistics.legs);
         const pliant_tled *tled = cube.data->tled;
         for (int32_t i = 0; i < 3 * cube.model->body->fine.num_nodes; i++) now[i % 3] += tled->system->node_mass[i / 3] * tled->d[i] / tled->time_step;
@@ -185,7 +191,8 @@ TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
     EXPECT_LT(pushed, -0.3); // m/s
 }
 
-// What nobody does on purpose: tools that jump into tissue and out of it, that spin, that are in it from the first step on, eight at once, one that holds and jumps. Positions stay numbers, and a failed step is said.
+// Unreasonable input: tools that jump into tissue and out of it, spin, start inside, eight at once, and one that grasps
+// and jumps. Positions stay finite, and a failed step is reported.
 TEST(SweptDynamics, HostileTools)
 {
     Sheet sheet(1, 0.3, 0, PLIANT_LINEAR, true);
@@ -205,17 +212,18 @@ TEST(SweptDynamics, HostileTools)
             if (step % 5 == 0) EXPECT_EQ(pliant_tool_set_pose(sheet.data, tools[t], nowhere, nullptr), PLIANT_ERROR_ARGUMENT);
             switch (t % 4) {
             case 0: sheet.move(tools[t], x, 0.03, random(-0.03, 0.03)); break;            // jumps
-            case 1: sheet.move(tools[t], x, 0.03, 0.02 * std::cos(fast / 0.02)); break;   // goes through and back
+            case 1: sheet.move(tools[t], x, 0.03, 0.02 * std::cos(fast / 0.02)); break;   // moves through and back
             case 2: sheet.move(tools[t], x, 0.03, 0.003, rotation); break;                // spins
-            default: sheet.move(tools[t], x + 0.01 * std::sin(step), 0.03, 0.005); break; // sweeps along
+            default: sheet.move(tools[t], x + 0.01 * std::sin(step), 0.03, 0.005); break; // sweeps along the sheet
             }
         }
-        sheet.move(holds, 0.03, 0.03, step % 10 == 9 ? 0.06 : 0.004 + 0.0005 * (step % 10)); // jumps with what it holds
+        // jumps with the grasped tissue
+        sheet.move(holds, 0.03, 0.03, step % 10 == 9 ? 0.06 : 0.004 + 0.0005 * (step % 10));
         const std::vector<double> before = positions_of(sheet, sheet.data);
         const pliant_status status = pliant_step(sheet.model, sheet.data);
         if (status < 0) EXPECT_EQ(before, positions_of(sheet, sheet.data)) << step << ": " << pliant_last_error();
         done += status >= 0;
-        ASSERT_LT(sheet.farthest(), 1) << step; // and is a number
+        ASSERT_LT(sheet.farthest(), 1) << step; // and is finite
     }
     EXPECT_GT(done, 12);
 }

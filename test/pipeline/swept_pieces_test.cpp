@@ -1,4 +1,4 @@
-// Nothing passes at 1 m/s through what a cut has taken off, either: it is rigid beside quasi-static solvers, and is pushed along.
+// No tool tunnels at 1 m/s through a detached piece, which is rigid with quasi-static solvers and is pushed along.
 #include "sweeps.h"
 
 #include "fem/rigid/falling.h"
@@ -14,7 +14,7 @@ std::vector<double> positions_of(const pliant_data *data) { return {data->positi
 
 int32_t node_of_piece(const Sheet &sheet) { return sheet.data->body->pieces->node[sheet.data->body->pieces->start[0]]; }
 
-// The piece of cut_off (sweeps.h), 0.2 m beside the sheet.
+// The piece of cut_off (sweeps.h), 0.2 m from the sheet.
 struct Piece {
     std::unique_ptr<Sheet> sheet;
     int32_t node;
@@ -51,14 +51,15 @@ struct Piece {
     bool is_through(const pliant_part &part) const { return inside > 0 || deepest > 0.9 * pliant_part_depth(&part); }
 };
 
-// as a sweep of the sheet, through the piece
+// Move a sweep of the sheet to the piece.
 Way through_the_piece(Way on)
 {
     on.from[1] = -0.197 + 0.5 * (on.from[1] - 0.03);
     return on;
 }
 
-// Where it lies free, wherever it is met. PLIANT_SWEEPS: as many, in place of 60; some of more get through: src/contact/NUMERICS.md.
+// A free piece, hit anywhere. PLIANT_SWEEPS: number of sweeps, default 60; with more, some tunnel:
+// src/contact/NUMERICS.md.
 TEST(SweptPieces, NothingIsSweptThroughAPiece)
 {
     Sweeps sweeps;
@@ -83,7 +84,7 @@ TEST(SweptPieces, NothingIsSweptThroughAPiece)
     EXPECT_GT(moved, (count - first) / 2);
 }
 
-// Where it lies on the ground: upright rods push it along, and it stays on the ground.
+// On the ground, upright rods push the piece along, and it stays on the ground.
 TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
 {
     for (const double radius : {0.0005, 0.002})
@@ -113,7 +114,7 @@ TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
             }
 }
 
-// A tool on its way through the piece, and one that lifts it, if it holds it.
+// A tool on a path through the piece, and one that lifts the piece if it grasps it.
 struct GrippedPiece : Piece {
     Way on;
     int tool, grip;
@@ -130,7 +131,8 @@ struct GrippedPiece : Piece {
     }
 };
 
-// A step in parts that fails leaves a piece as it was, with its speed, and what holds it: done again, it is the step that it would have been.
+// A step in parts that fails restores the piece, its velocity and its grasp. Repeated, it gives the result of an
+// undisturbed step.
 TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
 {
     Sweeps sweeps;
@@ -172,7 +174,8 @@ TEST(SweptPieces, AStepInPartsThatFailsIsUndone)
     }
 }
 
-// What a step begins with is all that a piece goes on with: of one that flies and turns, and of one that a tool pulls.
+// The state at the beginning of a step determines the piece's motion, for a flying, rotating piece and for a pulled
+// one.
 TEST(SweptPieces, GoOnFromWhatIsKept)
 {
     Sweeps sweeps;
@@ -184,7 +187,7 @@ TEST(SweptPieces, GoOnFromWhatIsKept)
             piece.move_tools(step);
             ASSERT_GE(pliant_step(sheet.model, sheet.data), 0);
         }
-        sheet.move(piece.tool, 0, 0.3, 0); // out of its way
+        sheet.move(piece.tool, 0, 0.3, 0); // out of its path
         pliant_data *reference = nullptr;
         pliant_falling_kept *kept = nullptr;
         ASSERT_EQ(pliant_data_copy(sheet.model, sheet.data, &reference), PLIANT_OK);
@@ -198,7 +201,8 @@ TEST(SweptPieces, GoOnFromWhatIsKept)
             for (int step = 0; step < 3; step++) ASSERT_GE(pliant_step(sheet.model, data), 0);
         const pliant_pieces *pieces = sheet.data->body->pieces;
         for (int32_t i = 0; i < pieces->start[1]; i++)
-            for (int d = 0; d < 3; d++) EXPECT_NEAR(sheet.data->positions[3 * pieces->node[i] + d], reference->positions[3 * pieces->node[i] + d], 1e-9); // a copy is so to rounding
+            // a copy is equal up to rounding
+            for (int d = 0; d < 3; d++) EXPECT_NEAR(sheet.data->positions[3 * pieces->node[i] + d], reference->positions[3 * pieces->node[i] + d], 1e-9);
         EXPECT_GT(gone, 0.01);
         EXPECT_NEAR(piece.way(), gone, 1e-9);
         pliant_data_free(reference);
@@ -213,7 +217,7 @@ TEST(SweptPieces, ArePlayedBackToTheBit)
         const Way on = through_the_piece(sweeps.at(n));
         std::vector<uint32_t> taken;
         std::vector<double> ended[2];
-        for (int played = 0; played < 2; played++) { // live, and played back
+        for (int played = 0; played < 2; played++) { // live, and replayed
             Piece piece(on.friction);
             const int tool = piece.sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
             for (int step = 0; step < on.steps() + 4; step++) {

@@ -1,4 +1,4 @@
-// Nothing passes through tissue at 1 m/s, whatever it is and wherever it goes: it carries the tissue along.
+// No tool tunnels through tissue at 1 m/s, with any shape and path; it pushes the tissue along.
 #include "sweeps.h"
 
 #include "pliant/memory.h"
@@ -9,7 +9,8 @@
 
 namespace {
 
-// A thin and a thick rod carry the sheet along that they would jump over, wherever between its nodes they meet it, and however little holds it on them.
+// A thin and a thick rod push the sheet that they would jump over, at any position relative to its nodes, and with
+// little friction.
 TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
 {
     for (const double radius : {0.0042, 0.0005})
@@ -22,9 +23,13 @@ TEST(Swept, ARodAtOneMetreASecondCarriesTheSheetAlong)
         }
 }
 
-// Whatever it is, wherever it goes. PLIANT_SWEEPS: up to this number, in place of 14; PLIANT_SWEEPS_FIRST: from this one on, so that several processes share them (0 and 625, 625 and
-// 1250, ...: a line for what is left in tissue as soon as it is known, a line in the end); PLIANT_SWEEPS_BUDGET: steps have a budget of so many ms; PLIANT_SWEEPS_LIVE: steps are live;
-// PLIANT_SWEEPS_SPEED: so many m/s, up to 2; PLIANT_SWEEPS_HEXAHEDRA: of hexahedra, not of tetrahedra.
+// Random sweeps. Environment variables:
+//   PLIANT_SWEEPS            number of the last sweep, default 14
+//   PLIANT_SWEEPS_FIRST      number of the first sweep, so that several processes can share the work (0 and 625, 625 and 1250, ...)
+//   PLIANT_SWEEPS_BUDGET     budget of a step [ms]
+//   PLIANT_SWEEPS_LIVE       use live steps
+//   PLIANT_SWEEPS_SPEED      maximum speed [m/s], up to 2
+//   PLIANT_SWEEPS_HEXAHEDRA  use hexahedra instead of tetrahedra
 TEST(Swept, NothingIsSweptThroughTheSheet)
 {
     const Mode mode = {static_cast<double>(number_from("PLIANT_SWEEPS_BUDGET", 0)), number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PLANNED,
@@ -36,12 +41,13 @@ std::array<double, 3> at_end(const Way &on) { return {on.from[0] + on.way[0], on
 Mode coarse(Beside beside) { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_AVERAGED, beside}; }
 Mode cut() { return {0, PLIANT_BACKGROUND_PLANNED, PLIANT_LINEAR, false, PLIANT_FINE, Beside::Piece}; }
 
-// By a homogenized method, beside what a patch serves, and beside a piece that has come off: the first ones, and those that once went through. More of
-// them (PLIANT_SWEEPS; PLIANT_SWEEPS_BESIDE: 0, 1 or 2, of nothing, a piece, a patch alone): src/contact/NUMERICS.md.
+// With a homogenized method, next to a patch, and next to a detached piece: the first sweeps, and regression cases.
+// More sweeps (PLIANT_SWEEPS; PLIANT_SWEEPS_BESIDE: 0, 1 or 2 for nothing, a piece, a patch only):
+// src/contact/NUMERICS.md.
 TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
 {
     for (const Mode &mode : {coarse(Beside::Nothing), coarse(Beside::Patch), cut()}) {
-        const int only = number_from("PLIANT_SWEEPS_BESIDE", -1); // of the three: that one alone
+        const int only = number_from("PLIANT_SWEEPS_BESIDE", -1); // only this one of the three
         if (only >= 0 && static_cast<int>(mode.beside) != only) continue;
         SCOPED_TRACE(testing::Message() << "method " << mode.method << ", beside " << static_cast<int>(mode.beside));
         EXPECT_EQ(count_swept_through(2, mode), 0);
@@ -57,7 +63,8 @@ TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
     }
 }
 
-// The first 28 at 2 m/s, as fast as tools are followed, and through a sheet of hexahedra. Of more of them some get through: src/contact/NUMERICS.md.
+// The first 28 at 2 m/s, the maximum speed for following tools, and through a sheet of hexahedra. Of more sweeps, some
+// tunnel: src/contact/NUMERICS.md.
 TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
 {
     Sweeps sweeps;
@@ -71,7 +78,7 @@ TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
     }
 }
 
-// Those that went through, or left the sheet inside out, while steps were not taken in parts.
+// Regression cases that require steps in several parts; otherwise tools tunnel or elements stay inverted.
 TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
 {
     Sweeps sweeps;
@@ -86,8 +93,8 @@ TEST(Swept, AStepThatTissueGetsByInIsTakenInParts)
     }
 }
 
-// Those that went through, live or not, while steps were solved again from where they had gone astray, and normals of triangles counted on their borders. PLIANT_SWEEPS_LIVE:
-// live, which depends on the machine, in place of steps that are as even, but take nothing from the background.
+// Regression cases for diverged solves and for normals at triangle borders. PLIANT_SWEEPS_LIVE: use live steps, which
+// depend on the machine, instead of equally even steps without background results.
 TEST(Swept, ThoseThatOnceWentThroughDoNot)
 {
     const pliant_background_kind even = number_from("PLIANT_SWEEPS_LIVE", 0) ? PLIANT_BACKGROUND_LIVE : PLIANT_BACKGROUND_PRESCRIBED;
@@ -101,8 +108,9 @@ TEST(Swept, ThoseThatOnceWentThroughDoNot)
     }
 }
 
-// Those of numbers 10,000 to 50,000 that went through until points that press nothing gave way to points on another side, steps were solved up to twelve times, and were taken in parts
-// where they ended far off. On the CPU, on which they were looked for: what is solved there by a hair ends elsewhere on a GPU.
+// Regression cases of numbers 10,000 to 50,000. They require that inactive points give way to points on another side,
+// up to twelve solves per step, and division into parts when the result is inaccurate. On the CPU only: these solves
+// are sensitive, so a GPU ends in different states.
 TEST(Swept, ThoseOfOtherNumbersThatOnceWentThroughDoNot)
 {
     Sweeps sweeps;
@@ -117,7 +125,7 @@ TEST(Swept, ThoseOfOtherNumbersThatOnceWentThroughDoNot)
     }
 }
 
-// A rod that turns about its end, from above the sheet into it, by more than can be followed at once.
+// A rod that rotates about its end from above the sheet into it, by more than one step can follow.
 TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
 {
     for (const double radius : {0.0005, 0.001, 0.003})
@@ -137,12 +145,13 @@ TEST(Swept, ATurnOfMoreThanOneRadianIsTakenInParts)
             }
 }
 
-// A tool that jumps passes nothing on its way, however it turns: that of another one is followed as if there were none, whether the one that jumps has a shape or not.
+// A tool that jumps skips the tissue in between. Other tools are followed as if it did not exist, however it rotates,
+// and whether or not it has a shape.
 TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
 {
     for (const double x : {0.0253, 0.0297, 0.0341}) {
         std::vector<double> ended[3];
-        for (int run = 0; run < 3; run++) { // by itself, beside an arm without a shape, beside one with a shape
+        for (int run = 0; run < 3; run++) { // alone, next to an arm without a shape, next to one with a shape
             Sheet sheet(1);
             const int tool = sheet.add("tool", rod(0.0005), x, 0.03, 0.0165);
             const int arm = run > 0 ? sheet.add("arm", run > 1 ? rod(0.0005) : pliant_tool_shape{}, 0.03, 0.03, 0.3) : -1;
@@ -161,7 +170,8 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
     }
 }
 
-// Wherever memory runs out in it, a step in parts leaves the state before it, or is done; and the next one goes on. Beside patches and pieces, too.
+// If memory is exhausted anywhere in a step with several parts, the step is completed, or the state before it is
+// restored, and the next one continues. Also next to patches and pieces.
 TEST(Swept, AStepInPartsThatFailsIsUndone)
 {
     struct { Mode mode; int number, stride; } runs[] = {{Mode{}, 534, 8}, {coarse(Beside::Patch), 56, 24}, {cut(), 11, 24}};
@@ -198,7 +208,7 @@ TEST(Swept, AStepInPartsThatFailsIsUndone)
     }
 }
 
-// A ball slides along the sheet with friction, and a needle comes up beside it, by which a step takes legs.
+// A ball slides along the sheet with friction. A needle comes up next to it, so that a step has several legs.
 struct Slide {
     Slide(double beside) : beside(beside), ball_at(sheet.add("ball", ball(0.006), 0.02, 0.03, 0.0105)), needle(sheet.add("needle", rod(0.0005), 0.036 + beside, 0.03, -0.012))
     {
@@ -218,10 +228,10 @@ struct Slide {
     int ball_at, needle;
 };
 
-// Forces are in their cones, also in a step of several legs, and on the cone where all slides.
+// Friction forces are in their cones, also in a step of several legs, and on the cone where all points slide.
 TEST(Swept, AStepInLegsSlidesByCoulombsLaw)
 {
-    for (const double beside : {-0.012, -0.014}) { // nearer, the two tools pinch the sheet between them
+    for (const double beside : {-0.012, -0.014}) { // nearer, the two tools pinch the sheet
         Slide run(beside);
         ASSERT_GE(run.come_up(run.sheet.data), 0);
         EXPECT_GT(run.sheet.data->statistics.legs, 1) << beside;
@@ -259,7 +269,8 @@ std::vector<double> points_of(const pliant_data *data)
     return out;
 }
 
-// Wherever memory runs out in it, a step in legs is as it began, with its points, or done.
+// If memory is exhausted anywhere in a step with several legs, the step is completed, or the initial state and its
+// points are restored.
 TEST(Swept, AStepInLegsWithoutMemoryIsWhole)
 {
     Slide run(-0.012);
@@ -298,7 +309,7 @@ TEST(Swept, AStepInLegsWithoutMemoryIsWhole)
     EXPECT_EQ(ends.size(), 1u);
 }
 
-// The parts follow from what a record has: poses, and what live steps took of what was made in the background.
+// The parts follow from the recorded poses and background results of live steps.
 TEST(Swept, AStepInPartsIsPlayedBackToTheBit)
 {
     struct { Mode mode; int number; } runs[] = {{Mode{}, 534}, {coarse(Beside::Patch), 56}, {cut(), 11}};
@@ -307,7 +318,7 @@ TEST(Swept, AStepInPartsIsPlayedBackToTheBit)
         const Way on = Sweeps().at(run.number);
         std::vector<uint32_t> taken;
         std::vector<double> ended[2];
-        for (int played = 0; played < 2; played++) { // live, and played back
+        for (int played = 0; played < 2; played++) { // live, and replayed
             const std::unique_ptr<Sheet> sheet = sheet_for(on, run.mode);
             const int tool = sheet->add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
             for (int step = 0; step < on.steps() + 4; step++) {

@@ -1,10 +1,11 @@
-// The solved states against closed forms: a stretched bar, a cantilever under mesh refinement, gravity, tools.
+// Solved states against closed forms: a stretched bar, a cantilever under mesh refinement, gravity, tools.
 #include "body.h"
 
 namespace {
 
 // Bar of length L along z, fixed at the bottom, pulled by gravity along +z with nu = 0: u(L) = rho g L^2 / (2 E), and
-// u(z) = rho g (L z - z^2 / 2) / E. Linear elements are exact at the nodes for this load in one dimension; lumping is too.
+// u(z) = rho g (L z - z^2 / 2) / E. Linear elements are exact at the nodes for this load in one dimension; mass lumping
+// is exact, too.
 TEST(Theory, BarUnderItsOwnWeight)
 {
     const int size[3] = {8, 8, 40};
@@ -24,8 +25,8 @@ TEST(Theory, BarUnderItsOwnWeight)
     EXPECT_LT(worst, 0.01 * tip);
 }
 
-// Tip deflection of a cantilever under gravity, Euler-Bernoulli with Timoshenko's shear term:
-// w = rho g A L^4 / (8 E I) + rho g L^2 / (2 k G), k = 5/6 for a square. nu = 0 keeps the beam theory exact in 3-D.
+// Compute the tip deflection of a cantilever under gravity, Euler-Bernoulli with Timoshenko's shear term:
+//   w = rho g A L^4 / (8 E I) + rho g L^2 / (2 k G), k = 5/6 for a square. With nu = 0 the beam theory is exact in 3-D.
 double cantilever(int across, double *theory)
 {
     const int size[3] = {8 * across, across, across};
@@ -57,12 +58,12 @@ TEST(Theory, CantileverConvergesAtSecondOrder)
                 100 * error[2], order);
     EXPECT_GT(error[0], error[1]);
     EXPECT_LT(error[2], 0.08);
-    EXPECT_GT(order, 1.5); // linear elements: 2, reached from below while bending is still locked
+    EXPECT_GT(order, 1.5); // linear elements: 2, approached from below because of bending locking
     EXPECT_LT(order, 2.5);
 }
 
-// Uniaxial stretch by a rigid tool face cannot be had with points; a column stretched by the fixed planes can: prescribed
-// displacement of the held point gives the force of the spring law.
+// Points cannot impose a uniaxial stretch as a rigid tool face would, but fixed planes can stretch a column. The
+// prescribed displacement of the grasped point gives the force of the spring law.
 TEST(Theory, ToolForceBalancesTheSupport)
 {
     const int size[3] = {16, 16, 16};
@@ -76,7 +77,7 @@ TEST(Theory, ToolForceBalancesTheSupport)
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         int tool;
         ASSERT_EQ(pliant_tool_add(body.model, body.data, "t", &tool), PLIANT_OK);
-        // lod's weights turn with the tissue, from the state that a step begins with
+        // the weights of lod rotate with the tissue from the initial state of a step
         auto settle = [&] {
             pliant_status status = PLIANT_OK;
             for (int n = 0; n < (method == PLIANT_LOD ? 8 : 1); n++) status = body.settle();
@@ -87,12 +88,12 @@ TEST(Theory, ToolForceBalancesTheSupport)
         ASSERT_EQ(pliant_tool_set_pose(body.data, tool, pulled, nullptr), PLIANT_OK);
         ASSERT_EQ(settle(), PLIANT_OK);
         const pliant_tool &held = body.data->tools[tool];
-        // spring law: force = stiffness (tip - held point)
+        // spring law: force = stiffness (tip - grasped point)
         for (int d = 0; d < 3; d++) {
-            double grip = point[d] - held.grip[d]; // where the held point began
+            double grip = point[d] - held.grip[d]; // initial offset of the grasped point
             EXPECT_NEAR(held.force[d], held.stiffness * (grip + pulled[d] - point[d] - held.held_point[d]), 1e-6 * held.stiffness);
         }
-        // the force in equals the reaction out, on all nodes together
+        // the applied force equals the reaction, summed over all nodes
         std::vector<double> x(body.data->solver->now.x, body.data->solver->now.x + 3 * body.model->system->mesh->num_nodes);
         std::vector<double> force = body.elastic_force(x);
         const int32_t *free_of = body.model->system->free_of_node;
@@ -101,21 +102,21 @@ TEST(Theory, ToolForceBalancesTheSupport)
             for (int32_t n = 0; n < body.model->system->mesh->num_nodes; n++)
                 if (free_of[n] >= 0) free_sum += force[3 * n + d];
             double norm = std::hypot(held.force[0], held.force[2]);
-            // weights that fall on fixed nodes carry their part to the support directly
+            // weights on fixed nodes transfer their part directly to the support
             EXPECT_NEAR(free_sum, held.force[d], 0.02 * norm) << "method " << method;
         }
-        // rigid drive: the point is exactly where the tip asks
+        // rigid drive: the point is exactly at the commanded position
         pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_RIGID, nullptr);
         ASSERT_EQ(settle(), PLIANT_OK);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(body.data->tools[tool].held_point[d] - (pulled[d] - held.grip[d]), 0, 1e-9);
-        // the same force, given, puts the point in the same place
+        // the same force, prescribed, gives the same position
         double force_there[3], place[3];
         std::memcpy(force_there, body.data->tools[tool].force, sizeof force_there);
         std::memcpy(place, body.data->tools[tool].held_point, sizeof place);
         pliant_tool_set_drive(body.data, tool, PLIANT_DRIVE_FORCE, force_there);
         ASSERT_EQ(settle(), PLIANT_OK);
         for (int d = 0; d < 3; d++) EXPECT_NEAR(body.data->tools[tool].held_point[d], place[d], 1e-6);
-        // and letting go brings it back
+        // after the release it returns
         pliant_tool_release(body.data, tool);
         ASSERT_EQ(settle(), PLIANT_OK);
         for (int32_t n = 0; n < 3 * body.model->body->fine.num_nodes; n++) ASSERT_NEAR(body.data->positions[n], body.model->body->fine.rest[n], 1e-6);
@@ -157,7 +158,8 @@ TEST(Theory, GravityEnergyOfTheFineMeshIsPreserved)
     }
 }
 
-// [H] 5 and 7 where fixed fine nodes are removed from the submeshes: displacements are N u, the transpose of how forces are handed on.
+// [H] 5 and 7 where fixed fine nodes are removed from the submeshes: displacements are N u, the transpose of how forces
+// are handed on.
 TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
 {
     const int size[3] = {24, 24, 24};
@@ -174,7 +176,8 @@ TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
     pliant_upsample_positions(system, solved.data(), x.data());
     int seen = 0;
     for (int32_t n = 0; n < fine->num_nodes; n++) {
-        if (!(fine->rest[3 * n + 2] > 0.001 && fine->rest[3 * n + 2] < 0.039)) continue; // in the first row of coarse cubes alone
+        // in the first row of coarse cubes alone
+        if (!(fine->rest[3 * n + 2] > 0.001 && fine->rest[3 * n + 2] < 0.039)) continue;
         const double weight = 1;
         std::vector<double> blocks(9 * static_cast<size_t>(system->num_free));
         pliant_upsample_weights(system, solved.data(), 1, &n, &weight, blocks.data());
@@ -196,7 +199,8 @@ TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
     EXPECT_GT(seen, 20);
 }
 
-// The whole mass of the body hangs on the tools and supports: total gravity force is m g on free nodes plus what fixed nodes take.
+// The whole mass of the body hangs on the tools and supports: total gravity force is m g on free nodes plus what fixed
+// nodes take.
 TEST(Theory, NodalMassesSumToTheBody)
 {
     const int size[3] = {20, 20, 20};

@@ -1,4 +1,4 @@
-// Explicit dynamics against results of others: Cook's membrane, and the measured Truth Cube.
+// Explicit dynamics against published results: Cook's membrane, and the measured Truth Cube.
 #include "body.h"
 #include "fem/dynamics/tled.h"
 
@@ -10,7 +10,7 @@
 
 namespace {
 
-// Rest positions were moved: everything that was made of them is made anew.
+// Recompute all data that depend on the rest positions, which were moved.
 void remake(Body &body)
 {
     auto *made = const_cast<pliant_discretization *>(body.model->discretization);
@@ -23,14 +23,15 @@ void remake(Body &body)
     ASSERT_EQ(pliant_tled_create(&body.scene, made->tled, &body.data->tled), PLIANT_OK) << pliant_last_error();
 }
 
-// Cook's membrane as the deal.II code gallery has it (Pelteret and McBride 2016): corners (0, 0), (48, 44), (48, 60), (0, 44) mm, 1 mm thick,
-// left side fixed, 1 N upwards over the right side; compressible neo-Hookean, shear modulus 422.5 kPa, Poisson ratio 0.3. Two figures of its
-// tip are published, and both come out here, each in its own set-up:
-//   14.74 mm, in the newer editions: plane strain, and the tip is the middle of the right side, (48, 52) mm, as in Miehe (1994).
-//   14.33 mm, in the older ones: the tip is the upper corner, (48, 60) mm, and the body is free to thicken to one side (the code looked for
-//   front and back by their x instead of their z; with one of them held, as here, the body stays flat). With plane strain the corner rises
-//   by 13.77 mm.
-// Returns how far the right side rises, at its upper corner and in its middle [mm].
+// Cook's membrane as in the deal.II code gallery (Pelteret and McBride 2016): corners (0, 0), (48, 44), (48, 60), (0,
+// 44) mm, 1 mm thick, left side fixed, 1 N upwards distributed over the right side. Compressible neo-Hookean, shear
+// modulus 422.5 kPa, Poisson's ratio 0.3. Two tip displacements are published, and both are reproduced here, each with
+// its set-up:
+//   14.74 mm, in the later editions: plane strain, and the tip is the middle of the right side, (48, 52) mm, as in Miehe (1994).
+//   14.33 mm, in the earlier ones: the tip is the upper corner, (48, 60) mm, and the body is free to thicken to one side.
+// The earlier code selected front and back by x instead of z; here one of them is fixed, so the body stays flat. With
+// plane strain the corner rises by 13.77 mm. Return the upward displacement of the right side at its upper corner and
+// its middle [mm].
 struct Rise {
     double corner, middle;
 };
@@ -71,7 +72,7 @@ Rise cook(int n, bool plane_strain)
     tool.weight = share.data();
     pliant_tled *tled = body.data->tled;
     double last = -1;
-    // the test holds sides in z, so their reaction stays in the residual: at rest is what no longer moves
+    // the test fixes sides in z, so their reaction stays in the residual; at rest nothing moves any more
     for (int step = 1; step < 60000; step++) {
         pliant_tled_step(tled, &tool, 1, &body.data->statistics);
         for (int32_t v : held) tled->u[3 * v + 2] = tled->d[3 * v + 2] = 0;
@@ -94,7 +95,7 @@ TEST(Reference, CooksMembraneConvergesToBothPublishedDisplacements)
         std::printf("Cook's membrane, %d cells an edge: plane strain %.2f mm (middle), %.2f (corner); free to thicken %.2f (corner)\n", cells[n],
                     strain[n].middle, strain[n].corner, thickens[n].corner);
     }
-    for (int n = 1; n < 3; n++) { // from below, as stiff elements do
+    for (int n = 1; n < 3; n++) { // from below, as expected of elements that are too stiff
         EXPECT_GT(strain[n].middle, strain[n - 1].middle);
         EXPECT_GT(thickens[n].corner, thickens[n - 1].corner);
     }
@@ -106,7 +107,7 @@ TEST(Reference, CooksMembraneConvergesToBothPublishedDisplacements)
 }
 
 struct Bead {
-    Eigen::Vector3d at[4]; // [m]
+    Eigen::Vector3d at[4]; // positions [m]
 };
 
 std::vector<Bead> read_beads(const std::string &path)
@@ -131,14 +132,16 @@ std::vector<Bead> read_beads(const std::string &path)
     return beads;
 }
 
-// Beads in a silicone cube of 80 mm that is pressed along z between plates (Kerdok et al. 2003): rms distance of the beads from where they
-// were measured. The plates do not let go of the faces; how the scanner lay to them is not known, so a small rigid motion stays out.
+// Beads in a silicone cube of 80 mm compressed along z between plates (Kerdok et al. 2003): root mean square distance
+// from the measured positions. The plates stick to the faces. The pose of the scanner relative to them is unknown, so a
+// small rigid motion is removed.
 TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
 {
     std::vector<Bead> beads = read_beads(PLIANT_TEST_DATA "/reference/truthcube_uniaxial_positions.csv");
     if (beads.empty()) GTEST_SKIP() << "reference/truthcube_uniaxial_positions.csv is not there";
     ASSERT_EQ(beads.size(), 343u);
-    const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, most[4] = {0, 0.6e-3, 0.8e-3, 1.1e-3}; // on so coarse a mesh; 0.50, 0.65, 0.79 mm with cells of 5 mm
+    // maxima on this coarse mesh; 0.50, 0.65, 0.79 mm with cells of 5 mm
+    const double edge = 0.08, strains[4] = {0, 0.05, 0.125, 0.1825}, most[4] = {0, 0.6e-3, 0.8e-3, 1.1e-3};
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (const Bead &bead : beads) centre += bead.at[0] / 343;
     const int size[3] = {8, 8, 8};
@@ -157,13 +160,14 @@ TEST(Reference, TruthCubeBeadsLieWhereTheyWereMeasured)
     for (int state = 1; state < 4; state++) {
         for (int part = 1; part <= 4; part++) {
             double strain = strains[state - 1] + 0.25 * part * (strains[state] - strains[state - 1]);
-            for (int32_t n = 0; n < mesh.num_nodes; n++) // all of it at once, then the fixed faces stay and the inner nodes settle
+            // move all nodes at once; then the fixed faces stay and the inner nodes settle
+            for (int32_t n = 0; n < mesh.num_nodes; n++)
                 tled->u[3 * n + 2] += (edge - mesh.rest[3 * n + 2]) * 0.25 * (strains[state] - strains[state - 1]);
             for (int32_t n = 0; n < mesh.num_nodes; n++)
                 if (body.model->body->fine_fixed[n]) tled->u[3 * n + 2] = mesh.rest[3 * n + 2] > 0.04 ? 0 : strain * edge;
             ASSERT_GE(pliant_step(body.model, body.data), 0) << pliant_last_error();
         }
-        Eigen::MatrixXd rigid(3 * 343, 6); // small shifts and rotations
+        Eigen::MatrixXd rigid(3 * 343, 6); // small translations and rotations
         Eigen::VectorXd apart(3 * 343), moved(3 * 343);
         int row = 0;
         for (const Bead &bead : beads) {

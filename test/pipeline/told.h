@@ -1,5 +1,5 @@
-// The error that a step tells of itself (statistics.error) against the true one, on bodies and loads that nothing was tuned on: frames of few
-// evaluations against the same frames solved tightly, largest distance of a node.
+// The error estimate of a step (statistics.error) against the true error, on bodies and loads that were not used for
+// tuning. Frames with few evaluations are compared with tightly converged frames, by the maximum node distance.
 #ifndef PLIANT_TEST_TOLD_H
 #define PLIANT_TEST_TOLD_H
 
@@ -14,12 +14,12 @@
 
 namespace told {
 
-using Moves = std::function<void(Body &, int, int)>; // what changes before step s of steps
+using Moves = std::function<void(Body &, int, int)>; // changes before step s of steps
 
 const int size[3] = {24, 24, 24};
 const double box[3] = {0.12, 0.12, 0.12};
 
-// Ends the program otherwise.
+// Exit the program on an error.
 inline bool good(pliant_status status)
 {
     if (status >= 0) return true;
@@ -58,7 +58,7 @@ inline Moves pulled(pliant_drive drive, int tools, double size = 0.02)
     };
 }
 
-// there and back, and around
+// Move back and forth, and in circles.
 inline Moves stirred(pliant_drive drive, double size)
 {
     return [=](Body &body, int s, int steps) {
@@ -75,7 +75,7 @@ inline void turned(Body &body, int s, int steps)
     gravity(body, 4 * std::sin(angle), 0, -4 * std::cos(angle));
 }
 
-// as cuda_test's ErrorsMeetTheCpuAndTheTruth
+// same as cuda_test's ErrorsMeetTheCpuAndTheTruth
 inline void tilted(Body &body, int s, int steps) { gravity(body, 2, 4.0 * s / steps, 0); }
 
 inline void turned_and_pulled(Body &body, int s, int steps)
@@ -91,7 +91,7 @@ struct Scene {
     std::function<int(int, int, int)> material;
     std::function<void(Body &)> set;
     std::vector<Moves> moves;
-    std::function<void(Body &)> before; // the first step; may be empty
+    std::function<void(Body &)> before; // before the first step; may be empty
 };
 
 inline int inclusions(int i, int j, int k) { return i / 6 % 2 && j / 8 % 2 ? 1 : k > 20 && i < 6 ? 2 : 0; }
@@ -110,7 +110,7 @@ inline void floor_fixed(Body &body)
     body.fix_plane(0, 0, 0.001, 0, 0, 1);
 }
 
-inline void bar(Body &body) // it hangs out from a wall
+inline void bar(Body &body) // extends from a wall
 {
     body.cells(6, 2, 2, 2);
     body.fix_plane(0.001, 0, 0, 1, 0, 0);
@@ -124,7 +124,7 @@ inline void cut_half(Body &body)
     good(pliant_data_cut(body.model, body.data, 2, strip, depth, &report));
 }
 
-// The tools hold still until their patches are there.
+// Keep the tools at rest until their patches are available.
 inline void hold(Body &body, int tools)
 {
     const double still[3] = {0, 0, 0};
@@ -184,7 +184,7 @@ inline double apart(const std::vector<double> &a, const std::vector<double> &b)
     return most;
 }
 
-// An evaluation takes as long as every other, but for a quarter more or less.
+// Simulated clock: all evaluations take the same time within a quarter.
 struct Clock {
     const pliant_solver *solver;
     double each;
@@ -194,7 +194,8 @@ struct Clock {
     static double tell(void *user)
     {
         Clock &clock = *static_cast<Clock *>(user);
-        if (clock.solver->in_use.evaluations < clock.counted) clock.counted = 0; // counted from the last turn of the axes
+        // the count restarts with each change of the axes
+        if (clock.solver->in_use.evaluations < clock.counted) clock.counted = 0;
         for (; clock.counted < clock.solver->in_use.evaluations; clock.counted++) {
             clock.random = clock.random * 1664525u + 1013904223u;
             clock.now += clock.each * (0.75 + 0.5 * (clock.random >> 8) / double(1 << 24));
@@ -247,14 +248,15 @@ inline Counts run(const Scene &scene, size_t move, pliant_preconditioner_choice 
     for (size_t o = 0; o + 1 < options.size(); o += 2) good(pliant_scene_set(&body.scene, options[o].c_str(), options[o + 1].c_str()));
     scene.set(body);
     body.scene.solver.preconditioner = choice;
-    const bool timed = body.scene.solver.budget_ms > 0; // so many evaluations in that time, by a clock of the trial's own
+    // this number of evaluations in the budget, by the trial's own clock
+    const bool timed = body.scene.solver.budget_ms > 0;
     body.scene.solver.iterations = timed ? 1000 : iterations;
     body.scene.solver.tolerance = 1e-10;
     good(body.build());
     Clock clock{body.data->solver, 1e-3 / (iterations + 0.5)};
     if (timed) body.data->solver->clock = Clock::tell, body.data->solver->clock_user = &clock;
     if (scene.before) scene.before(body);
-    const double least = body.scene.model.patch > 0 ? 2e-6 : 1e-7; // the responses of a patch are no better than that
+    const double least = body.scene.model.patch > 0 ? 2e-6 : 1e-7; // accuracy of the responses of a patch
     double last = 0;
     for (int s = 1; s <= steps; s++) {
         scene.moves[move](body, s, steps);

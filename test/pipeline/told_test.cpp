@@ -1,5 +1,5 @@
-// The error that a step tells of itself: within a factor of three of the true one in 95 % of frames on bodies that nothing was tuned on. All of
-// them: bench_told; of the few frames here, one or two more may be off.
+// The error estimate of a step: within a factor of three of the true error in 95 % of frames, on bodies that were not
+// used for tuning. bench_told runs all of them; of the few frames here, one or two more may be outside.
 #include "told.h"
 
 namespace {
@@ -19,18 +19,18 @@ void expect_within(double share, const char *name, std::vector<size_t> loads, st
     EXPECT_GE(counts.within, share * counts.counted);
 }
 
-// Under springs that stretch it, and weight, with a factor or a V-cycle that is never made anew.
+// Under springs that stretch the body, and weight, with a factor or a V-cycle that is never recomputed.
 TEST(Told, WithAFactorOfRest) { expect_within(0.95, "parity", {0, 1, 2, 3}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 2); }
 
-// The V-cycle's lattices glue both sides of a cut: slow errors.
+// The V-cycle's lattices glue both sides of a cut, which causes slowly converging errors.
 TEST(Told, AfterACut) { expect_within(0.9, "cut", {1, 3}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 3); }
 
 TEST(Told, OfHexahedra) { expect_within(0.95, "hexahedra", {1}, {PLIANT_DIRECT, PLIANT_MULTIGRID}, 2); }
 
-// The end of a step is evaluated within its time, also where loads change.
+// The end of a step is evaluated within its time, also if loads change.
 TEST(Told, WithinABudget) { expect_within(0.9, "budget", {0, 3}, {PLIANT_DIRECT}, 3); }
 
-// What is found around a patch at the end of a step is of no use to the next, and is evaluated all the same.
+// The evaluation around a patch at the end of a step cannot be reused by the next step, but is done nevertheless.
 TEST(Told, AroundAPatch) { expect_within(0.9, "patch", {0}, {PLIANT_DIRECT}, 2); }
 
 } // namespace

@@ -1,4 +1,4 @@
-// How far steps that say that they have converged are off.
+// Errors of steps that report convergence.
 #ifndef PLIANT_TEST_TOLERANCE_H
 #define PLIANT_TEST_TOLERANCE_H
 
@@ -13,13 +13,13 @@ inline double apart(const std::vector<double> &a, const std::vector<double> &b)
 
 inline std::vector<double> positions(const pliant_data *data) { return std::vector<double>(data->positions, data->positions + 3 * data->body->fine.num_nodes); }
 
-// Lies under its weight, is then pulled by displacement or by force; error over the largest displacement of the frame, at worst, of steps
-// that say that they have converged.
+// A body lies under its weight, then is pulled by displacement or by force. Return the maximum error of converged steps
+// relative to the frame's maximum displacement.
 inline double worst_error(const pliant_model *model, const double point[3], const double by[3], int frames, pliant_drive drive, double tolerance)
 {
     std::vector<std::vector<double>> right;
     std::vector<double> force;
-    double worst = 0, least = INFINITY, most = 0; // and told over true
+    double worst = 0, least = INFINITY, most = 0; // and ratio of the estimate to the true error
     int converged = 0;
     for (bool exact : {true, false}) {
         pliant_data *data = nullptr;

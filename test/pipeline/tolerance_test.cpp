@@ -1,4 +1,4 @@
-// solver/tolerance is an error in positions: a part of the largest displacement, however much weight the tissue carries.
+// solver/tolerance is a position error relative to the maximum displacement, independently of the tissue's weight.
 #include "tolerance.h"
 
 #include <fstream>
@@ -6,8 +6,9 @@
 
 namespace {
 
-// Soft tissue is pulled beside heavy tissue that sags, whose weight does nearly all of the work: to a thousandth of that work's norm the
-// pull would be 4.7 to 8.8 thousandths off. The estimate that ends a step is up to 3.7 times too small here.
+// Soft tissue is pulled next to heavy tissue that sags, whose weight does nearly all of the work. With a tolerance of
+// 1e-3 in the norm of that work, the pull would have an error of 4.7e-3 to 8.8e-3. The estimate that ends a step is up
+// to 3.7 times too small here.
 TEST(Tolerance, IsOfPositionsUnderWeight)
 {
     const int size[3] = {24, 24, 24};

@@ -1,4 +1,4 @@
-// Jaws and what they take hold of.
+// Jaws and the tissue that they grip.
 #ifndef PLIANT_TEST_TONGUE_H
 #define PLIANT_TEST_TONGUE_H
 
@@ -7,13 +7,13 @@
 
 #include <algorithm>
 
-// A tongue of 30 x 6 x 24 mm that stands on a plate, and a prograsp above it that comes straight down.
+// A tongue of 30 x 6 x 24 mm on a plate, and prograsp forceps above it that come straight down.
 struct Tongue : Body {
     int tool = -1;
     static constexpr int size[3] = {10, 4, 12};
-    static constexpr double box[3] = {0.03, 0.006, 0.024}, deep = 0.012; // the tip below the top
+    static constexpr double box[3] = {0.03, 0.006, 0.024}, deep = 0.012; // depth of the tip below the top
 
-    // also: what else the scene says
+    // also: further settings of the scene
     explicit Tongue(double friction, const std::function<void(pliant_scene &)> &also = [](pliant_scene &) {}) : Body(size, box, {{5000, 0.4, 1000, false}})
     {
         cells(10, 3, 8, 1);
@@ -29,7 +29,7 @@ struct Tongue : Body {
         EXPECT_EQ(pliant_tool_add(model, data, "prograsp", &tool), PLIANT_OK);
         EXPECT_EQ(pliant_tool_set_shape(data, tool, &shape), PLIANT_OK);
     }
-    // how far the tip is up from where it takes hold
+    // Move the tip to a height above the grip position.
     void go(double up, double jaw)
     {
         const double tip[3] = {0.0151, 0.0031, box[2] - deep + up}, down[4] = {1, 0, 0, 0};
@@ -38,7 +38,7 @@ struct Tongue : Body {
         ASSERT_GE(pliant_step(model, data), 0) << pliant_last_error();
         for (int32_t n = 0; n < 3 * data->body->fine.num_nodes; n++) ASSERT_TRUE(std::isfinite(data->positions[n]));
     }
-    // least volume of an element over that at rest
+    // Return the minimum ratio of an element's volume to its rest volume.
     double least_volume() const
     {
         const pliant_mesh &mesh = data->body->fine;
@@ -57,7 +57,7 @@ struct Tongue : Body {
         }
         return least;
     }
-    // how far the top's middle has come up, and the farthest that any node is from rest
+    // Return the maximum upward displacement of a node.
     double lifted() const
     {
         double most = -1;
@@ -76,7 +76,7 @@ struct Tongue : Body {
         EXPECT_EQ(pliant_tool_get(data, tool, &state), PLIANT_OK);
         return state.contact_force[2];
     }
-    // nodes that lie in a part of the tool
+    // Return the maximum penetration depth of a node in a part of the tool.
     double deepest() const
     {
         const pliant_tool &of = data->tools[tool];

@@ -1,4 +1,4 @@
-// Hexahedra (element/kind) against closed forms, published figures and CalculiX. Results: src/fem/element/NUMERICS.md.
+// Hexahedra (element/kind) against closed forms, published results and CalculiX. Results: src/fem/element/NUMERICS.md.
 #include "body.h"
 
 #include "fem/dynamics/tled.h"
@@ -17,8 +17,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using Sparse = Eigen::SparseMatrix<double>;
 
-// Their stiffness, assembled here, under any boundary conditions.
-// what a node is told to do: which of its three directions are prescribed, and how far
+// Boundary conditions of a node: return whether a direction is prescribed, and the displacement.
 using Support = std::function<bool(const double *x, int direction, double *displacement)>;
 
 class Solid : public Body {
@@ -28,7 +27,7 @@ public:
     {
         scene.element.kind = PLIANT_HEXAHEDRA;
         cells(grid[0], grid[1], grid[2], 1);
-        fix_plane(0, 0, 1e-6 * box[2], 0, 0, 1); // a scene needs it; supports are given here
+        fix_plane(0, 0, 1e-6 * box[2], 0, 0, 1); // a scene needs a fixed plane; the supports are given here
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
     }
     const pliant_mesh &mesh() const { return model->body->fine; }
@@ -43,7 +42,7 @@ public:
         return Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(elements().root[e], elements().rank[e], columns).cast<double>();
     }
     VectorXd gradient_of(int e) const { return Eigen::Map<const VectorXd>(elements().gradient + 24 * e, 24); }
-    // the rotation of an element, at displacements
+    // Return the rotation of an element at displacements.
     Eigen::Matrix3d rotation_of(int e, const VectorXd &u) const
     {
         Eigen::Matrix<double, 3, 3, Eigen::RowMajor> f = Eigen::Matrix3d::Identity(), r;
@@ -53,7 +52,7 @@ public:
         pliant_rotation_signed_svd(f.data(), r.data());
         return r;
     }
-    // sum over elements of R K R'
+    // Return the sum over elements of R K R'.
     Sparse stiffness(const VectorXd *u = nullptr) const
     {
         std::vector<Eigen::Triplet<double>> entries;
@@ -69,7 +68,7 @@ public:
         out.setFromTriplets(entries.begin(), entries.end());
         return out;
     }
-    // displacements under loads
+    // Return the displacements under loads.
     VectorXd solve(const Support &support, const VectorXd &load) const
     {
         VectorXd u = VectorXd::Zero(unknowns());
@@ -82,7 +81,7 @@ public:
         for (size_t i = 0; i < free.size(); i++) u[free[i]] = found[i];
         return u;
     }
-    // unknowns that are left; those prescribed are set
+    // Return the unknowns; prescribed displacements are set.
     std::vector<int> free_of(const Support &support, VectorXd *u) const
     {
         std::vector<int> free;
@@ -105,7 +104,7 @@ public:
         out.setFromTriplets(entries.begin(), entries.end());
         return out;
     }
-    // mean change of volume of an element
+    // Return the mean volume change of an element.
     double dilatation(int e, const VectorXd &u) const
     {
         const VectorXd g = gradient_of(e);
@@ -113,7 +112,7 @@ public:
         for (int i = 0; i < 24; i++) sum += g[i] * u[global(e, i)];
         return sum;
     }
-    // strain in its middle, xx yy zz
+    // Return the strain in its centre, xx yy zz.
     std::array<double, 3> strain(int e, const VectorXd &u) const
     {
         const VectorXd g = gradient_of(e);
@@ -125,9 +124,10 @@ public:
 
 int whole(int, int, int) { return 0; }
 
-// ---- no zero mode but rigid motions
+// ---- no zero modes except rigid motions
 
-// of a body of 3 x 3 x 3 cubes that a ball of tissue cuts: whole cubes, partly filled ones, corners of a few voxels
+// A body of 3 x 3 x 3 cubes intersected by a ball of tissue: whole cubes, partially filled ones, corners of a few
+// voxels.
 TEST(Verification, AFreeBodyHasSixZeroModesPartlyFilledCubesToo)
 {
     const int size[3] = {12, 12, 12}, grid[3] = {3, 3, 3};
@@ -147,15 +147,16 @@ TEST(Verification, AFreeBodyHasSixZeroModesPartlyFilledCubesToo)
 
 // ---- inf-sup by the numerical test (Chapelle and Bathe, Computers & Structures 47:537, 1993)
 
-// Of a cube that is clamped below: the least of sup b(v, p) / |v| over |p|, of the pressures p, |v|^2 = v S v as the H1 product.
+// Inf-sup values of a cube clamped below: the minimum over pressures p of sup b(v, p) / (|v| |p|), with the H1 product
+// |v|^2 = v S v.
 struct InfSup {
-    int spurious;    // pressures that no displacement answers to
+    int spurious;    // number of pressures without any displacement response
     double cubes;    // all pressures
-    double filtered; // but those whose sign changes along two or three axes within 2 x 2 x 2 cubes
-    double nodes;    // all; |p| as that of their means at the nodes
+    double filtered; // pressures whose sign does not alternate along two or three axes within 2 x 2 x 2 cubes
+    double nodes;    // all pressures, with |p| from their means at the nodes
 };
 
-// (pressures x pressures) sup b(v, p)^2 / |v|^2 of a unit volume of pressures
+// Return (pressures x pressures) sup b(v, p)^2 / |v|^2 for a unit volume of pressures.
 MatrixXd answers(const Solid &cube)
 {
     const int elements = cube.elements().count;
@@ -163,7 +164,7 @@ MatrixXd answers(const Solid &cube)
     const std::vector<int> free = cube.free_of([](const double *x, int, double *) { return x[2] < 1e-9; }, &none);
     std::vector<int> place(cube.unknowns(), -1);
     for (size_t i = 0; i < free.size(); i++) place[free[i]] = static_cast<int>(i);
-    // deviatoric part and all of it with a bulk modulus of 1: the H1 norm within constants (Korn)
+    // deviatoric part and the full part with a bulk modulus of 1: the H1 norm up to constants (Korn)
     std::vector<Eigen::Triplet<double>> entries;
     MatrixXd b = MatrixXd::Zero(free.size(), elements);
     const double volume = 1.0 / elements, kappa = 3000 / (3 * (1 - 2 * 0.49)), mu = 3000 / (2 * 1.49);
@@ -198,7 +199,8 @@ InfSup inf_sup(int cells)
         for (int d = 0; d < 3; d++) kept(e, 4 * block + 1 + d) = (at[d] % 2 ? 1 : -1) * std::sqrt(0.125);
         for (int v = 0; v < 8; v++) means(at[0] + (v & 1) + corners * (at[1] + (v >> 1 & 1) + corners * (at[2] + (v >> 2))), e) = 1;
     }
-    for (Eigen::Index n = 0; n < means.rows(); n++) { // its share of the volume, and the mean of what is around it
+    // the node's share of the volume, and the mean of its surroundings
+    for (Eigen::Index n = 0; n < means.rows(); n++) {
         const double around = means.row(n).sum();
         means.row(n) *= std::sqrt(around / 8) / around;
     }
@@ -212,9 +214,10 @@ InfSup inf_sup(int cells)
     return out;
 }
 
-// Of all pressures it falls as the mesh is refined, as of every hexahedron with one pressure: signs change from cube to cube (Sani et al., Int. J. Numer.
-// Meth. Fluids 1:17 and 171, 1981). Without those that change within 2 x 2 x 2 cubes (Pitkaranta and Stenberg, in: The Mathematics of Finite Elements and
-// Applications V, 1985), or of means at the nodes, it stays above zero; no pressure is without an answer where a part of the surface is free.
+// Over all pressures the value decreases with mesh refinement, as for every hexahedron with one pressure, because signs
+// alternate between cubes (Sani et al., Int. J. Numer. Meth. Fluids 1:17 and 171, 1981). It stays above zero without
+// pressures that alternate within 2 x 2 x 2 cubes (Pitkaranta and Stenberg, in: The Mathematics of Finite Elements and
+// Applications V, 1985), and for means at the nodes. If a part of the surface is free, every pressure has a response.
 TEST(Verification, InfSupOfPressuresThatDoNotAlternateStaysAboveZero)
 {
     for (int cells : {2, 4, 6, 8}) {
@@ -228,8 +231,9 @@ TEST(Verification, InfSupOfPressuresThatDoNotAlternateStaysAboveZero)
 
 // ---- Cook's membrane
 
-// plane strain, 48 mm wide, 44 mm high where it is clamped, 16 mm where a force of 1 N a millimetre of thickness lifts it
-struct Cook { double small, large; }; // how far the middle of the end is lifted [m]: for small strains; as far as it goes
+// plane strain, 48 mm wide, 44 mm high at the clamped side, 16 mm at the side with an upward force of 1 N per
+// millimetre of thickness
+struct Cook { double small, large; }; // upward displacement of the end's middle [m]: for small strains; for large ones
 
 Cook cook(int cell)
 {
@@ -269,7 +273,8 @@ Cook cook(int cell)
     return {panel.solve(support, load)[middle], u[middle]};
 }
 
-// CalculiX, 16 x 16 quadratic hexahedra (C3D20R): 19.94 mm for small strains; neo-Hookean 14.72 mm, published 14.74 mm. The corotational law is another one.
+// CalculiX, 16 x 16 quadratic hexahedra (C3D20R): 19.94 mm for small strains; neo-Hookean 14.72 mm, published 14.74 mm.
+// The corotational law is a different one.
 TEST(Verification, CooksMembrane)
 {
     const Cook lifted = cook(4);
@@ -280,15 +285,15 @@ TEST(Verification, CooksMembrane)
 
 // ---- pressure of a confined block
 
-// A block in a rigid box, pressed down under half or a quarter of its top: the part of the pressure that changes its sign from cube to cube, in a
-// plane or in space, root of the mean square over that of the pressure.
-struct Oscillation { double cubes, nodes; }; // of their pressures; of means at the nodes, as they are told
+// A block in a rigid box, pressed down on half or a quarter of its top. Compute the part of the pressure that
+// alternates between cubes, in a plane or in space: its root mean square relative to that of the pressure.
+struct Oscillation { double cubes, nodes; }; // of element pressures; of their means at the nodes, which are the output
 
 double alternating(const std::vector<double> &pressure, int along)
 {
     double all = 0, worst = 0;
     for (double p : pressure) all += p * p / double(pressure.size());
-    for (int axes : {3, 5, 6, 7}) { // along which signs change
+    for (int axes : {3, 5, 6, 7}) { // axes along which signs alternate
         double sum = 0;
         for (int at = 0; at < along * along * along; at++) {
             if (at % along + 1 >= along || at / along % along + 1 >= along || at / along / along + 1 >= along) continue;
@@ -325,7 +330,8 @@ Oscillation oscillation(double poisson, int cells, bool quarter)
     return {alternating(pressure, cells), alternating(at_nodes, corners)};
 }
 
-// What there is of it belongs to the edge of what presses: it falls with the cubes' size, and is that of compressible tissue.
+// The remaining oscillation is caused by the edge of the pressed area: it decreases with the cube size, and equals that
+// of compressible tissue.
 TEST(Verification, PressureOfAConfinedBlockDoesNotOscillate)
 {
     for (bool quarter : {false, true}) {
@@ -341,9 +347,10 @@ TEST(Verification, PressureOfAConfinedBlockDoesNotOscillate)
     }
 }
 
-// ---- soft beside stiff
+// ---- soft next to stiff
 
-// 1 : 10,000 in series under a force, sideways held: exact with the interface between cubes. A cube with both in it takes their mean, and is stiff.
+// 1 : 10,000 in series under a force, fixed sideways: exact with the interface between cubes. A cube with both
+// materials takes their mean, and is stiff.
 TEST(Verification, SoftBesideStiffInSeries)
 {
     const double box[3] = {0.02, 0.02, 0.08};
@@ -369,7 +376,7 @@ TEST(Verification, SoftBesideStiffInSeries)
 
 // ---- a sphere within another material (Eshelby 1957)
 
-// The strain inside is uniform; here in cubes that lie wholly inside, beside those that have both materials.
+// The strain inside is uniform; tested in cubes completely inside, next to cubes with both materials.
 TEST(Verification, SphereAgainstEshelby)
 {
     const int cells = 10, size[3] = {2 * cells, 2 * cells, 2 * cells}, grid[3] = {cells, cells, cells};
@@ -379,7 +386,7 @@ TEST(Verification, SphereAgainstEshelby)
             const double h = box[0] / size[0];
             return std::hypot(std::hypot((i + 0.5) * h, (j + 0.5) * h), (k + 0.5) * h) < radius;
         }, grid);
-        // far away stretched along z and compressed half as much across; by symmetry an eighth
+        // far away stretched along z and compressed half as much across; one eighth by symmetry
         const VectorXd u = octant.solve([&](const double *x, int direction, double *to) {
             const bool outside = x[0] > box[0] - 1e-9 || x[1] > box[1] - 1e-9 || x[2] > box[2] - 1e-9;
             *to = outside ? far * (direction == 2 ? 1 : -0.5) * x[direction] : 0;
@@ -406,7 +413,7 @@ TEST(Verification, SphereAgainstEshelby)
 
 // ---- one cell thin
 
-// A load at the end of a strip 20 times as long as thick.
+// A load at the end of a strip with a length of 20 times its thickness.
 TEST(Verification, AStripOneCellThinBends)
 {
     const double most[2][2] = {{0.08, 0.1}, {0.04, 0.05}};
@@ -426,9 +433,9 @@ TEST(Verification, AStripOneCellThinBends)
         }
 }
 
-// ---- the same in explicit dynamics, which has hexahedra of its own
+// ---- same in explicit dynamics, which has separate hexahedra
 
-// of a cube about rest, by differences of forces
+// Return the stiffness of a cube at rest by finite differences of forces.
 MatrixXd explicit_stiffness(double edge, double young, double poisson)
 {
     const int size[3] = {2, 2, 2};
@@ -451,7 +458,7 @@ MatrixXd explicit_stiffness(double edge, double young, double poisson)
                 for (int32_t c = system->corner_start[i / 3]; c < system->corner_start[i / 3 + 1]; c++)
                     k(i, j) += side * double(tled->forces[system->corner[c] + i % 3 * LANES]) / (2 * step);
         }
-    MatrixXd rigid = MatrixXd::Zero(24, 6); // single precision leaves rigid motions a little of it
+    MatrixXd rigid = MatrixXd::Zero(24, 6); // single precision leaves a small stiffness of rigid motions
     for (int i = 0; i < 24; i++) {
         const double x[3] = {double(i / 3 & 1), double(i / 6 & 1), double(i / 12)};
         rigid(i, i % 3) = 1;
@@ -462,7 +469,7 @@ MatrixXd explicit_stiffness(double edge, double young, double poisson)
     return 0.5 * rest * (k + k.transpose()) * rest;
 }
 
-// A bar of 20 cubes one after the other, clamped; its end is prescribed or loaded: (unknowns) displacements
+// Return the displacements (unknowns) of a clamped bar of 20 cubes with a prescribed or loaded end.
 VectorXd explicit_bar(const MatrixXd &cube, const Support &support, double edge, double load)
 {
     const int unknowns = 3 * 4 * 21;
@@ -479,7 +486,7 @@ VectorXd explicit_bar(const MatrixXd &cube, const Support &support, double edge,
     }
     right -= k * u;
     const Eigen::Index count = static_cast<Eigen::Index>(free.size());
-    MatrixXd inner(count, count); // by hand: Eigen 3.3 takes no lists of indices
+    MatrixXd inner(count, count); // by hand, because Eigen 3.3 has no index lists
     VectorXd pull(count);
     for (Eigen::Index i = 0; i < count; i++) {
         pull[i] = right[free[i]];
@@ -490,7 +497,8 @@ VectorXd explicit_bar(const MatrixXd &cube, const Support &support, double edge,
     return u;
 }
 
-// Beam theory, plate theory where it cannot narrow, and Saint-Venant's torsion of a square, 0.1406 h^4 (Timoshenko and Goodier, Theory of Elasticity, 109).
+// Beam theory, plate theory for constrained width, and Saint-Venant's torsion of a square, 0.1406 h^4 (Timoshenko and
+// Goodier, Theory of Elasticity, 109).
 TEST(Verification, AnExplicitBarOneCubeThinBendsAndTwists)
 {
     const double edge = 0.005, length = 20 * edge, young = 1e5, load = -1e-6, turn = 1e-3;
@@ -518,7 +526,7 @@ TEST(Verification, AnExplicitBarOneCubeThinBendsAndTwists)
     }
 }
 
-// ---- the same bodies by CalculiX, quadratic hexahedra (C3D20R), neo-Hookean, NLGEOM
+// ---- the same bodies with CalculiX, quadratic hexahedra (C3D20R), neo-Hookean, NLGEOM
 
 double block_sway(int cells, double poisson, pliant_element_kind kind)
 {
@@ -543,8 +551,9 @@ double block_sway(int cells, double poisson, pliant_element_kind kind)
     return sum / 25;
 }
 
-// A soft block, 40 mm, around a cube of 20 mm that is 100 times as stiff, clamped below, under half its weight sideways: mean of its top at every 10 mm.
-// 8 / 12 elements along an edge: 5.413 / 5.492 mm at nu 0.45, 5.149 / 5.257 mm at 0.49.
+// A soft block of 40 mm around a cube of 20 mm that is 100 times as stiff, clamped below, under half its weight
+// sideways: mean of its top at every 10 mm. With 8 / 12 elements per edge: 5.413 / 5.492 mm at nu 0.45, 5.149 / 5.257
+// mm at 0.49.
 TEST(Verification, BlockWithAStiffCubeInside)
 {
     const double poisson[2] = {0.45, 0.49}, reference[2] = {5.492e-3, 5.257e-3};
