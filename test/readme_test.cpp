@@ -1,10 +1,11 @@
-// The documents: the table of scene options is the table that the program prints, every link leads to a file and a heading, and no
-// document is longer than a reader can search.
+// The documents: the option table is the printed one, links lead to files and headings, tests and benchmarks that
+// figures name exist, and no document is longer than a reader can search.
 #include "programs/options_table.h"
 
 #include <cctype>
 #include <cstdio>
 #include <cstdlib>
+#include <fnmatch.h>
 #include <fstream>
 #include <gtest/gtest.h>
 #include <regex>
@@ -145,6 +146,45 @@ TEST(Readme, LinksLeadToFilesAndHeadings)
             }
     }
     EXPECT_GT(count, 20);
+}
+
+/* Return the source of a test or benchmark program; empty: there is none. */
+std::string source_of(const std::string &program)
+{
+    for (const char *folder : {"test/", "test/pipeline/", "test/bench/", "test/ros/"})
+        for (const char *ending : {".cpp", ".cu", ".py"})
+            if (is_there(root + folder + program + ending)) return read(root + folder + program + ending);
+    return "";
+}
+
+bool has_test(const std::string &source, const std::string &filter)
+{
+    static const std::regex name("\\bTEST(?:_[FP])?\\((\\w+), (\\w+)\\)");
+    for (std::sregex_iterator found(source.begin(), source.end(), name), none; found != none; ++found) {
+        const std::string whole = (*found)[1].str() + "." + (*found)[2].str();
+        for (const std::string &run : {whole, "Instance/" + whole + "/0"}) /* of TEST and of TEST_P */
+            if (fnmatch(filter.c_str(), run.c_str(), 0) == 0) return true;
+    }
+    return false;
+}
+
+TEST(Readme, ProgramsThatFiguresNameExist)
+{
+    const std::regex command("\\b(bench_[a-z]+|[a-z_]+_test)\\b(?: --gtest_filter=([^\\s`]+))?");
+    int filters = 0;
+    for (const Document &document : DOCUMENTS) {
+        const std::string path = document.path;
+        if (path.find("NUMERICS.md") == std::string::npos) continue;
+        for (const std::string &line : text_lines(read(root + path)))
+            for (std::sregex_iterator found(line.begin(), line.end(), command), none; found != none; ++found) {
+                const std::string source = source_of((*found)[1]), filter = (*found)[2];
+                EXPECT_NE(source, "") << path << " names " << (*found)[0];
+                if (filter.empty()) continue;
+                EXPECT_TRUE(has_test(source, filter)) << path << " names " << (*found)[0];
+                filters++;
+            }
+    }
+    EXPECT_GT(filters, 20);
 }
 
 } // namespace
