@@ -1,9 +1,13 @@
-// What a change of topology costs: the stages of pliant_data_set_body, and how soon a solve is as good as before, on the abdomen of the
-// test data at 256 x 160 x 122, coarse cells 7 x 7 x 7. A tool pulls at the liver while strokes open a slit in it, one a frame; with cut/kind=sever
-// they are a blade's, 30 mm wide and 20 mm deep, at random about the hold. With bar=DEPTH instead: a bar that sags under its weight is cut so far
-// through at once, and how frames of six evaluations come near where it then hangs; there, what the cut takes, and its first frame beside the median of
-// others, of tissue that never rests.
+// Cost of a topology change: the stages of pliant_data_set_body, and the number of frames until the solver converges as
+// before.
 //
+// Default: the abdomen of the test data at 256 x 160 x 122, coarse cells 7 x 7 x 7. A tool pulls at the liver while
+// strokes open a slit in it, one per frame. With cut/kind=sever a blade makes the strokes, 30 mm wide and 20 mm deep,
+// at random positions around the grasp. bar=DEPTH: a bar that sags under its weight is cut to this depth in one step.
+// The benchmark measures how frames with six evaluations converge to the new equilibrium. For tissue that never rests,
+// it measures the cost of the cut, and its first frame relative to the median frame.
+//
+// Usage:
 //   bench_adapt [bar=DEPTH] [group/name=value ...]
 #include "../pipeline/body.h"
 #include "../pipeline/fragments.h"
@@ -55,7 +59,7 @@ void settle(const pliant_model *model, const Run &run)
     for (int left = 20; left > 0 && status == PLIANT_NOT_CONVERGED; left--) check(status = pliant_step(model, run.data));
 }
 
-// a blade's stroke, deformed space; NULL: it severs nothing
+// Return the body after a random blade stroke in deformed space; NULL: it severs nothing.
 const pliant_body *stroke_at_random(const pliant_data *data, const pliant_body *body, std::mt19937 &random)
 {
     std::uniform_real_distribution<double> unit(-1, 1);
@@ -92,7 +96,7 @@ int bar(double depth, int argc, char **argv)
         for (Body *body : {&fast, &tight}) {
             body->fix_plane(1e-6, 0, 0, 1, 0, 0);
             body->cells(28, 7, 7, 1);
-            body->scene.cut.kind = PLIANT_CUT_SEVER; /* what a GPU has is carried over then */
+            body->scene.cut.kind = PLIANT_CUT_SEVER; /* a GPU then carries its data over */
             body->scene.solver.preconditioner = choice;
             body->scene.solver.iterations = body == &fast ? 6 : 200;
             body->scene.solver.tolerance = 1e-7;
@@ -104,7 +108,7 @@ int bar(double depth, int argc, char **argv)
             }
             check(body->build());
             for (int s = 0; s < 40; s++) check(pliant_step(body->model, body->data));
-            for (int s = 0; s < 40 && body == &fast; s++) { // it sways, and comes back to where it hung
+            for (int s = 0; s < 40 && body == &fast; s++) { // it sways, and returns to its position
                 const double gravity[3] = {0, s < 20 ? 0.1 * s * (19 - s) / 90 : 0, -0.6};
                 check(pliant_data_set_gravity(body->data, gravity));
                 const double took = milliseconds([&] { check(pliant_step(body->model, body->data)); });

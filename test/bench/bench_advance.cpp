@@ -1,6 +1,7 @@
-// What one leg of the advancement costs on one thread: a wavy sheet of 3,200 and 31,250 triangles, 150 mm wide, under
-// needle drivers that lie in contact with it and move along it, and under boxes and solids.
+// Cost of one leg of the advancement on one thread. The body is a wavy sheet of 3,200 or 31,250 triangles, 150 mm wide.
+// Needle drivers touch it and move along it; boxes and solids press it.
 //
+// Usage:
 //   bench_advance [threads]
 #include "contact/advance/advance.h"
 #include "contact/shapes/shapes.h"
@@ -15,7 +16,7 @@
 namespace
 {
 
-// of this process on all its threads [s]
+// CPU time of all threads of this process [s]
 double now()
 {
     timespec t;
@@ -44,7 +45,7 @@ struct Sheet {
     }
 };
 
-// tools whose lowest core point lies so far above the sheet
+// Place tools with their lowest core point at a height above the sheet.
 void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_advance *room, double gap)
 {
     double low = -0.02, high = 0.1;
@@ -120,7 +121,7 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 median(pairs), median(distances), median(fractions));
 }
 
-// two wavy sheets, so far apart, that are pushed at random
+// Two wavy sheets at a distance, pushed randomly.
 void measure_self(int across, double gap, double way, int threads)
 {
     Sheet sheet(across);

@@ -1,6 +1,7 @@
-// Error against run time of the fine solution stopped early: a tool moves 1 mm a frame for 30 frames, with a turn, gravity
-// turns over in 60, and every frame may take so many iterations and no more (frames.h).
+// Error against run time of the fine solution with a limited number of iterations. A tool moves 1 mm per frame for 30
+// frames, with a turn; gravity reverses in 60 frames (frames.h).
 //
+// Usage:
 //   bench_budget SCENE SCAN X Y Z [group/name=value ...]     the point to pull at, LPS [m]
 #include "frames.h"
 
@@ -27,7 +28,7 @@ int main(int argc, char **argv)
     std::vector<Frames> references;
     for (int kind = 0; kind < NUM_KINDS; kind++)
         references.push_back(run(exact, at, Kind(kind), kind == FORCE ? &references[DISPLACEMENT] : nullptr, false));
-    std::vector<double> told, before; // by all frames of up to six evaluations
+    std::vector<double> told, before; // of all frames with up to six evaluations
     for (int iterations : {2, 3, 4, 6, 8}) {
         std::printf("%d iterations\n", iterations);
         pliant_model *model = build(iterations, 1e-9);

@@ -1,6 +1,8 @@
-// What it takes to find the tetrahedra that overlap ([C] table 1, collision handling), by CPU time and by the clock: of a block of 13,720 and of one
-// of a million that is rolled up until its ends meet, those at the surface alone, as a step does, and all of them.
+// Time to find overlapping tetrahedra ([C] table 1, collision handling), in CPU time and wall time. The bodies are a
+// block of 13,720 tetrahedra and one of a million, rolled up until their ends touch. Surface tetrahedra alone, as in a
+// step, and all tetrahedra.
 //
+// Usage:
 //   bench_contact [threads]
 #include "contact/detect/grid.h"
 #include "rolled.h"

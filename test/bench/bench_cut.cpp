@@ -1,9 +1,12 @@
-// What a cut costs: pliant_body_cut of a blade of 30 mm that goes on by 1 mm, on one thread, on the abdomen of the test data at
-// 256 x 160 x 122 voxels of 13,720 tetrahedra, deformed. Each stroke on the body at load, then stroke after stroke on one body.
+// Cost of a cut on one thread: pliant_body_cut with a blade of 30 mm that moves by 1 mm. The body is the deformed
+// abdomen of the test data (256 x 160 x 122 voxels, 13,720 tetrahedra). Each stroke on the initial body, then
+// successive strokes on one body.
 //
-// What cuts leave is told after 1, 10 and 100 of them: the smallest edge, height and volume of a tetrahedron, and the explicit step that is
-// stable, of those at load. With cut/kind=subdivide sweep=0.06, strokes that go through whole tetrahedra at once.
+// The mesh quality is reported after 1, 10 and 100 cuts: smallest edge, height and volume of a tetrahedron, and the
+// stable explicit step, relative to the initial mesh. With cut/kind=subdivide sweep=0.06, strokes pass through whole
+// tetrahedra at once.
 //
+// Usage:
 //   bench_cut [strokes] [sweep=metres] [group/name=value ...]
 #include "fem/dynamics/tled.h"
 #include "frames.h"
@@ -20,7 +23,7 @@ double cpu()
     return 1e3 * (double(t.tv_sec) + 1e-9 * double(t.tv_nsec));
 }
 
-// a smooth deformation of about a centimetre
+// Compute a smooth deformation of about a centimetre.
 void deform(const double x[3], double out[3])
 {
     out[0] = x[0] + 0.010 * std::sin(20 * x[1] + 1);
@@ -32,7 +35,7 @@ struct Blade {
     std::vector<double> from, to;
 };
 
-// from a node with tissue around it, in any direction, sampled every half voxel
+// Return a blade that starts at a node surrounded by tissue, in a random direction, sampled every half voxel.
 Blade blade(const pliant_body *body, const std::vector<double> &positions, double sweep, std::mt19937 &random)
 {
     std::uniform_real_distribution<double> unit(-1, 1);

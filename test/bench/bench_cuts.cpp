@@ -1,13 +1,16 @@
-// What cut after cut costs in one simulation, on the abdomen of the test data at 256 x 160 x 122, coarse cells 7 x 7 x 7: small slits at random
-// places of the tissue, each followed by an undo of every fourth, a step of every eighth. CPU time of a cut (the process, without the steps) and
-// what is held, after 10, 100, 1000 cuts and so on.
+// Cost of many cuts in one simulation, on the abdomen of the test data at 256 x 160 x 122, coarse cells 7 x 7 x 7.
+// Small slits at random positions in the tissue; every fourth is followed by an undo, every eighth by a step. Reported
+// are the CPU time per cut (of the process, without steps) and the memory, after 10, 100, 1000 cuts and so on.
 //
+// Usage:
 //   bench_cuts [cuts=1000] [length=0.006] [steps=8] [undo=4] [reset=0] [warp=1] [stages=0] [frames=3] [busy=0] [rests=0] [group/name=value ...]
 //
-// length of a slit [m]; every so many cuts a step, an undo, a reset (0: never); warp: with the deformed volume. stages=1: what each part of a cut
-// takes of the clock, and the frame after it; no undo, a step after each, and so many other frames; frames=0: no step either; no step waits for what is
-// made in the background. rests=1: what the host of a GPU does, so of the solver less, and a first cut is rehearsed. busy=1: of the calling thread's own time, for solver/threads=1 on a machine that others use; what the background makes is not
-// in it.
+// length: of a slit [m]
+// steps, undo, reset: number of cuts between two steps, undos, resets (0: never)
+// warp: with the deformed volume stages=1: wall time of each part of a cut, and of the frame after it; no undo, a step
+// after each cut, and `frames` other frames. With frames=0 there is no step. No step waits for the background. rests=1:
+// only the host's work for a GPU, so less of the solver; a first cut is rehearsed busy=1: CPU time of the calling
+// thread, for solver/threads=1 on a busy machine; excludes background work
 #include "frames.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/step/cut.h"
@@ -47,7 +50,7 @@ uint64_t hash_of(const void *block, size_t bytes, uint64_t hash)
     return hash;
 }
 
-// of the nodes' positions, and of the deformed volume as they are then
+// Hash the node positions and the deformed volume.
 uint64_t bits(const pliant_model *model, pliant_data *data)
 {
     check(pliant_step(model, data));
@@ -57,7 +60,7 @@ uint64_t bits(const pliant_model *model, pliant_data *data)
     return hash;
 }
 
-// from a node of tissue, deformed, in any direction
+// Return a slit that starts at a deformed tissue node, in a random direction.
 void slit(const pliant_data *data, double length, std::mt19937 &random, double points[6], double depth[3])
 {
     std::uniform_real_distribution<double> unit(-1, 1);
@@ -92,7 +95,7 @@ double milliseconds(const std::function<void()> &what)
     return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-// a point every half voxel, as pliant_data_cut has them
+// Return a point every half voxel, as pliant_data_cut does.
 std::vector<double> sampled(const double points[6], const double by[3], double spacing)
 {
     double length = 0;
@@ -104,7 +107,7 @@ std::vector<double> sampled(const double points[6], const double by[3], double s
     return out;
 }
 
-// What a cut is made of: each part once more by itself, thrown away, then all of it.
+// Parts of a cut: each part is repeated separately and discarded, then the complete cut is done.
 enum Part { LINKS, BODY, MAP, DISCRETIZATION, SOLVER, WARP, SET_BODY, STEP, USUAL, NUM_PARTS };
 
 void cut_by_parts(const pliant_model *model, pliant_data *data, const double points[6], const double depth[3], bool steps, bool rests, std::vector<double> took[NUM_PARTS])

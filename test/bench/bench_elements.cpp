@@ -1,5 +1,7 @@
-// What an evaluation of hexahedra costs over one of tetrahedra on the same nodes: both models in turns, least CPU time of each part.
+// Cost of an evaluation of hexahedra relative to tetrahedra on the same nodes: both models alternately, minimum CPU
+// time of each part.
 //
+// Usage:
 //   bench_elements SCENE SCAN [group/name=value ...]
 #include "frames.h"
 
@@ -20,7 +22,7 @@ double cpu_time()
 struct Side {
     pliant_model *model = nullptr;
     std::vector<double> x, right, out;
-    std::vector<double> forces; // of elements
+    std::vector<double> forces; // forces of elements
     std::vector<pliant_tangent> tangents;
 };
 

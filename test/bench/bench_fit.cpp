@@ -1,6 +1,8 @@
-// The two ways to draw a deformed volume: seconds of an update, and error of the inverse map against a smooth one that is known.
+// Time of an update and error of the inverse map relative to a known smooth map, for both ways to draw a deformed
+// volume.
+// Usage:
 //   bench_fit [voxels: 256 160 122] [cells along an edge = 14]      on the CPU
-//   bench_fit cuda                                                  on the GPU, times alone: 256 x 160 x 122, 16-bit voxels
+//   bench_fit cuda                                                  on the GPU, times only: 256 x 160 x 122, 16-bit voxels
 #include "figure.h"
 #include "pliant/pliant.h"
 
@@ -12,7 +14,7 @@
 
 namespace {
 
-// rest position of the tissue that is at x now: waves of 15 mm over some 0.25 m
+// Compute the rest position of the tissue at x: waves of 15 mm over about 0.25 m.
 void inverse(const double *x, double *out)
 {
     out[0] = x[0] + 0.015 * std::sin(25 * x[1]);
@@ -63,7 +65,7 @@ int main(int argc, char **argv)
     const int32_t size[3] = {argc > 3 ? std::atoi(argv[1]) : 256, argc > 3 ? std::atoi(argv[2]) : 160, argc > 3 ? std::atoi(argv[3]) : 122};
     const int cells = argc > 4 ? std::atoi(argv[4]) : 14;
     const int32_t lattice[3] = {cells, cells, cells};
-    // each coordinate of the scan as a volume of its own: what is drawn is the inverse map itself
+    // each scan coordinate is a separate volume, so that the drawn value is the inverse map
     pliant_volume phantom{}, coordinate[3]{};
     pliant_mesh mesh{};
     if (pliant_phantom(size, 1, &phantom, nullptr) != PLIANT_OK) return 1;
@@ -112,7 +114,7 @@ int main(int argc, char **argv)
             pliant_geometry_to_world(&g, at, world);
             inverse(world, rest);
             pliant_geometry_to_index(&g, rest, index);
-            // away from the box, so that neither way is at its end
+            // away from the box, where both ways end
             for (int d = 0; d < 3; d++) inner = inner && at[d] > 0.1 * g.size[d] && at[d] < 0.9 * g.size[d] && index[d] > 2 && index[d] < g.size[d] - 3;
             if (!inner) continue;
             for (int d = 0; d < 3; d++) square += std::pow(drawn[d][v] - index[d], 2);

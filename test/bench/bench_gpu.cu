@@ -1,13 +1,14 @@
-// The GPU's times beside the limits of the same card, measured in the same run.
+// The GPU's times next to the hardware limits of the same card, measured in the same run.
 //
+// Usage:
 //   bench_gpu warp [SIZE [RUNS]]   rasterization alone, for the sizes of the paper and 512^3, or one of the three
 //   bench_gpu run SCENE SCAN [FRAMES [group/name=value ...]]
-//                                  whole frames: a tool pulls 1 mm a frame, with a turn; error and time for each budget
+//                                  whole frames: a tool pulls 1 mm per frame, with a turn; error and time for each budget
 //   bench_gpu cut SCENE SCAN [FRAMES [group/name=value ...]]
-//                                  whole frames while a blade, 30 mm wide, goes 2 mm a frame through soft tissue that hangs, stroke beside stroke
-//                                  (solver/backend=cpu: the same there)
+//                                  whole frames while a blade of 30 mm moves 2 mm per frame through hanging soft tissue,
+//                                  one stroke next to another (solver/backend=cpu: the same on the CPU)
 //
-// Limits: identity sampling of a 3-D texture into a volume of the same size, and the copy of that to page-locked memory.
+// Limits: identity sampling of a 3-D texture into a volume of the same size, and its copy to page-locked memory.
 #include "backend/backend.h"
 #include "displacement.h"
 #include "figure.h"
@@ -54,7 +55,7 @@ double percentile(std::vector<double> v, double share)
     return v[std::min(v.size() - 1, size_t(share * double(v.size())))];
 }
 
-// median of many, by events around each [ms]
+// Return the median of many runs, each measured by events [ms].
 double time_events(int runs, cudaStream_t stream, const std::function<void()> &work)
 {
     cudaEvent_t begin, end;
@@ -128,7 +129,7 @@ limits measure_limits(const int32_t size[3], int runs)
 
 /* ---- rasterization alone */
 
-// a ray from corner to corner that meets nothing: with the volume on the GPU, and with it on the host
+// Pick along a diagonal ray without a hit, with the volume on the GPU and on the host.
 void bench_pick(const pliant_warp *warp, const pliant_mesh *mesh, const double *positions, const double extent[3], int runs)
 {
     pliant_ray ray = {};
@@ -200,7 +201,7 @@ void bench_warp(const int32_t size[3], const int32_t cells[3], int runs)
 
 struct Run { std::vector<std::vector<double>> positions; std::vector<double> frame, solve, fetch; double iterations, largest; int unconverged; };
 
-// a point of soft tissue 2 cm under the front
+// Find a point of soft tissue 2 cm below the front.
 bool find_front(const pliant_model *model, double out[3])
 {
     const pliant_geometry *geometry = &model->scan->geometry;
@@ -287,7 +288,7 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
     const pliant_preconditioner_choice choices[] = {PLIANT_DIRECT, PLIANT_MULTIGRID};
     for (pliant_preconditioner_choice choice : choices) {
         const double cells = double(scene.mesh.coarse_cells[0]) * scene.mesh.coarse_cells[1] * scene.mesh.coarse_cells[2] * std::pow(scene.mesh.ratio, 3);
-        if (choice == PLIANT_DIRECT && cells > 14000) continue; // its model takes minutes to build
+        if (choice == PLIANT_DIRECT && cells > 14000) continue; // building its model takes minutes
         scene.solver.preconditioner = choice;
         double start = pliant_seconds();
         must(pliant_model_build(&scene, &scan, labels.voxels ? &labels : nullptr, &materials, {nullptr, nullptr}, &model));
@@ -338,7 +339,7 @@ void bench_run(const char *scene_path, const char *scan_path, int frames, char *
 
 /* ---- while cutting */
 
-enum { STROKE = 40, BETWEEN = 5 }; // frames
+enum { STROKE = 40, BETWEEN = 5 }; // numbers of frames
 
 struct CutFrames { std::vector<double> whole, stage[PLIANT_NUM_STEP_STAGES], evaluations; };
 

@@ -1,6 +1,8 @@
-// What finding contacts costs in a step: six parts of three instruments pressed into the liver of the test data's abdomen, alone in air and fixed at its back,
-// 1 mm a frame and then 0.1 mm; milliseconds of the stage and of the solve, best and median of the frames, and the points that there are.
+// Cost of contact detection in a step. Three instruments with six parts press the liver of the test data's abdomen,
+// which is alone in air and fixed at its back. They move by 1 mm per frame, then by 0.1 mm. Reported are the times of
+// the stage and of the solve [ms], minimum and median of the frames, and the number of points.
 //
+// Usage:
 //   bench_instruments [group/name=value ...]
 #include "frames.h"
 #include "pliant/contact.h"
@@ -28,7 +30,7 @@ struct Times {
     }
 };
 
-// the foremost surface node (least y) within 25 mm of a place across
+// Find the foremost surface node (minimum y) within 25 mm of a lateral position.
 void find_front(const pliant_data *data, double x, double z, double out[3])
 {
     out[1] = INFINITY;
@@ -55,7 +57,7 @@ int main(int argc, char **argv)
     check(pliant_data_create(model, &data));
     std::printf("%d tetrahedra, %d triangles of the surface\n", data->body->fine.num_tets, data->body->num_triangles);
     const char *const names[] = {"large_needle_driver", "probe", "camera"};
-    const double into[4] = {-std::sqrt(0.5), 0, 0, std::sqrt(0.5)}; // the instruments' z along y, to the back
+    const double into[4] = {-std::sqrt(0.5), 0, 0, std::sqrt(0.5)}; // the instruments' z axis along y, to the back
     double from[3][3];
     int parts = 0;
     for (int t = 0; t < 3; t++) {

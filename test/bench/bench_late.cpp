@@ -1,7 +1,9 @@
-// Whether a frame is ever late: a step's time over the median step's, once running, with background work that is put to use when it is
-// there (LIVE), and the frames' errors against the same frames solved tightly. What a step costs is CPU time of its own thread: frames
-// run once at the pace of solver/step, and then again with what each put to use (PRESCRIBED, the same bits); the least of them counts.
+// Test for late frames: time of a step relative to the median step in a running simulation. Background results are
+// installed when they are ready (LIVE). The frames' errors are relative to tightly converged frames. The cost of a step
+// is the CPU time of its thread. Frames run once at the rate of solver/step, then again with the same background
+// results (PRESCRIBED, bitwise identical); the minimum counts.
 //
+// Usage:
 //   bench_late [group/name=value ...]      the abdomen of the test data; mesh/ratio, solver/step, solver/preconditioner ...
 #include "frames.h"
 
@@ -9,7 +11,7 @@
 
 namespace {
 
-const double liver[3] = {-0.057, -0.255, 0.392}; // its front
+const double liver[3] = {-0.057, -0.255, 0.392}; // at its front
 enum { FRAMES = 300, FIRST = 60, AGAIN = 3 };
 enum Case { SPRING, RIGID, TURN, BOTH, NUM_CASES };
 const char *const case_names[] = {"spring", "rigid", "gravity", "spring, gravity"};
@@ -29,7 +31,7 @@ double thread_seconds()
     return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
 }
 
-// a tool circles 3 cm, gravity turns once a minute; tight: solved to the end
+// A tool circles 3 cm, and gravity rotates once per minute; tight: solved to convergence.
 Late run_late(const pliant_model *model, Case which, const Late *recorded, bool tight)
 {
     pliant_data *data = nullptr;

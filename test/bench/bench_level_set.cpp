@@ -1,8 +1,11 @@
-// [C] figure 2: an organ by the Gaussian mixture (pliant_segment) beside a level set of ITK's, each against a label map by Dice.
+// [C] figure 2: segmentation of an organ by the Gaussian mixture (pliant_segment) and by ITK's level set, each compared
+// with a label map by Dice.
+// Usage:
 //   bench_level_set OUT.png [SCAN LABELS LABEL]      without SCAN: the phantom's liver
-// The user's part is the same for both: a point in the organ, here the voxel of the label that is farthest from its border. The mixture gives the piece that
-// holds the point. The level set (ThresholdSegmentationLevelSetImageFilter; Lefohn, Cates and Whitaker 2003) starts as a ball there and grows over intensities within
-// two and a half standard deviations of the mean in the ball, with a curvature weight of 1. Panels: scan, label map, mixture, level set.
+// The user input is the same for both: a point in the organ, here the voxel of the label farthest from its border. The
+// mixture gives the piece that contains the point. The level set (ThresholdSegmentationLevelSetImageFilter; Lefohn,
+// Cates and Whitaker 2003) starts as a ball there. It grows over intensities within 2.5 standard deviations of the mean
+// in the ball, with a curvature weight of 1. Panels: scan, label map, mixture, level set.
 #include "programs/picture.h"
 #include "pliant/pliant.h"
 
@@ -34,7 +37,7 @@ static Image::Pointer image_of(const pliant_volume &scan)
     return image;
 }
 
-// the voxel of the label that is farthest from its border, by eroding it
+// Return the voxel of the label farthest from its border, by erosion.
 static size_t deepest(const pliant_geometry &g, const std::vector<uint8_t> &inside)
 {
     const long stride[3] = {1, g.size[0], static_cast<long>(g.size[0]) * g.size[1]};
@@ -144,7 +147,7 @@ int main(int argc, char **argv)
     if (picture_window(&scan, &low, &high) < 0) return 1;
     std::vector<uint8_t> rgb(4 * wide * scale * tall * scale * 3);
     const std::vector<uint8_t> *masks[4] = {nullptr, &organ, &mixture, &level};
-    /* as in a hospital: the patient's left on the right, the front above */
+    /* radiological orientation: the patient's left on the right, the front above */
     const bool turned[2] = {g.direction[0] < 0, g.direction[4] < 0};
     for (size_t y = 0; y < tall * scale; y++)
         for (size_t x = 0; x < 4 * wide * scale; x++) {

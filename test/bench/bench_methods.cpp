@@ -1,12 +1,14 @@
-// Error of the coarse methods against the fine solution, and time and memory of building and stepping, on a real scan.
+// Error of the coarse methods relative to the fine solution, and time and memory of building and stepping, on a real
+// scan.
 //
+// Usage:
 //   bench_methods SCENE SCAN [METHOD ...] [gravity] [LABELS-TO-PULL-AT ...]      e.g. bench_methods test/bench/spine.yaml ct.nii.gz 5 20 2
 //
-// Methods named (schur_face: with touch face) are compared with fine, without names all of them. gravity: 9.81 m/s^2 along y.
-// For each label: its front (the most anterior voxel near its centroid) is pulled 3 cm forward and a little up over 30 steps,
-// once with the held point prescribed (displacement), once with the force that the fine solution took (force).
-// Errors are of the last step, over the nodes of the body (of tetrahedra that are at least half tissue) and over all that the mesh has
-// (air too), in % of the largest displacement of the fine solution.
+// The named methods (schur_face: with touch face), or all of them, are compared with fine. gravity: 9.81 m/s^2 along y.
+// For each label, its front (the most anterior voxel near its centroid) is pulled 3 cm forward and slightly up over 30
+// steps. The grasped point is prescribed (displacement), or the force of the fine solution is applied (force).
+// Errors refer to the last step, in % of the fine solution's maximum displacement. They are given over the nodes of the
+// body (tetrahedra with at least half tissue), and over all nodes (including air).
 #include "state/data.h"
 #include "pliant/pliant.h"
 
@@ -39,7 +41,7 @@ void check(pliant_status status)
     std::exit(1);
 }
 
-// at: what the tool holds; NULL: no tool, gravity grows instead
+// at: grasped point; NULL: no tool, gravity increases instead
 Run run(const pliant_model *model, const double *at, pliant_drive drive, const double *force)
 {
     pliant_data *data = nullptr;
@@ -85,7 +87,7 @@ double median(std::vector<double> v)
     return v[v.size() / 2];
 }
 
-// the front of a label: world position of its most anterior voxel within 10 mm of the centroid's column, 12 mm inside
+// Find the front of a label: its most anterior voxel within 10 mm of the centroid's column, moved 12 mm inside.
 bool front_of(const pliant_labels &labels, int label, double out[3])
 {
     const int32_t *size = labels.geometry.size;
@@ -176,7 +178,7 @@ int main(int argc, char **argv)
     check(pliant_inputs_read(&scene, argv[2], &scan, &labels, &materials));
     std::printf("scan and labels read in %.2f s: %d x %d x %d\n", pliant_seconds() - start, scan.geometry.size[0], scan.geometry.size[1],
                 scan.geometry.size[2]);
-    // accuracy first: every method solved to the tolerance
+    // accuracy first: solve every method to the tolerance
     scene.solver.iterations = 100;
     scene.solver.tolerance = 1e-4;
     scene.grasp.radius = 0.012;

@@ -1,7 +1,9 @@
-// What it takes the GPU to find the tetrahedra that overlap, beside the CPU, whose pairs must be the same: of the blocks of bench_contact. Then the whole
-// search for points of tissue on tissue, with what goes to the GPU and comes back, beside one thread of the CPU.
+// Time of the GPU to find overlapping tetrahedra, next to the CPU, whose pairs must be the same, for the blocks of
+// bench_contact. Then the whole detection of contact points between tissue surfaces, including transfers, next to one
+// thread of the CPU.
 //
-//   bench_overlaps [RUNS [small]]   small: 13,720 tetrahedra alone, as for compute-sanitizer
+// Usage:
+//   bench_overlaps [RUNS [small]]   small: only 13,720 tetrahedra, for compute-sanitizer
 #include "../../cuda/contact/overlaps.h"
 #include "../../cuda/contact/tissue.h"
 #include "contact/detect/grid.h"
@@ -71,7 +73,7 @@ bool measure(int32_t cells, int runs)
     return same;
 }
 
-// Points of ends that are a tenth of an element apart; what lies deep in each other is looked for by the host.
+// Contact points of ends at a distance of a tenth of an element; deep penetration is handled by the host.
 bool measure_stage(int32_t cells, int runs)
 {
     Rolled block(cells, -0.1);

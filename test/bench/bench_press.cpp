@@ -1,7 +1,9 @@
-// Six spheres pressed into the front of the belly and drawn along it, fine corotational: what contact costs a frame, how deep tissue lies in
-// them, and the forces: against the same frames solved tightly from the first on, and each against its own frame solved tightly. Where tissue slips off a
-// tool, which way it goes hangs by little, and two tight solves part, too.
+// Contact of six spheres pressed into the front of the belly and dragged along it, fine corotational: cost per frame,
+// penetration depth, and forces. The forces are compared with tightly converged frames, from the first frame on, and
+// each with its own frame solved tightly. Where tissue slips off a tool, its direction is sensitive, so two tight
+// solves can differ, too.
 //
+// Usage:
 //   bench_press FOLDER [group/name=value ...]     the test data; OMP_NUM_THREADS=1 for CPU time of one thread
 #include "frames.h"
 
@@ -17,12 +19,13 @@ enum { TOOLS = 6, PRESS = 8, SLIDE = 10, REST = 4, FRAMES = PRESS + SLIDE + REST
 const double radius = 0.008, speed = 0.1;
 
 struct Run {
-    std::vector<std::array<double, 3>> force, own; // (frames x tools) on the tissue; from the same state, solved tightly
+    // (frames x tools) forces on the tissue; forces solved tightly from the same state
+    std::vector<std::array<double, 3>> force, own;
     double contact = 0, first = 0, solve = 0, deepest = 0, spent = 0;
     int32_t evaluations = 0, most_contacts = 0, refused = 0;
 };
 
-// of this thread: that of the others is background
+// CPU time of this thread; other threads do background work
 double cpu()
 {
     timespec now;
@@ -30,7 +33,8 @@ double cpu()
     return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
 }
 
-// the foremost node near x, z of a tetrahedron with tissue, of hexahedra with half or more: their surface is there; false: none is near
+// Find the foremost node near x, z of a tetrahedron with tissue; for hexahedra, of one with at least half tissue, where
+// their surface is. Return false if none is near.
 bool front_of(const pliant_body &body, bool hexahedra, double x, double z, double out[3])
 {
     double best = 1e9;
@@ -96,7 +100,8 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
         }
         run.spent += cpu() - begun;
         const pliant_statistics *told = pliant_data_get_statistics(data);
-        (frame > 0 ? run.contact : run.first) += told->seconds[PLIANT_STEP_contact]; // the first one finds where tissue ends, once for all
+        // the first detection also computes the tissue's end within elements
+        (frame > 0 ? run.contact : run.first) += told->seconds[PLIANT_STEP_contact];
         run.solve += told->seconds[PLIANT_STEP_solve];
         run.evaluations += told->iterations;
         run.most_contacts = std::max(run.most_contacts, told->contacts);
@@ -111,7 +116,7 @@ Run press(const pliant_model *model, const double middle[3], int iterations, dou
 
 double length(const std::array<double, 3> &f) { return std::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]); }
 
-// ascending; of those that are a twentieth of the largest and more, which may be none
+// Return the errors in ascending order, of forces with at least a twentieth of the maximum; may be empty.
 std::vector<double> errors_of(const std::vector<std::array<double, 3>> &forces, const std::vector<std::array<double, 3>> &exact, double most)
 {
     std::vector<double> errors;
@@ -140,7 +145,7 @@ int main(int argc, char **argv)
     const double middle[3] = {-0.03, 0, 0.39};
     pliant_model *model = inputs.build();
     std::printf("%d tetrahedra, %d nodes, frames of %g ms\n", model->body->fine.num_tets, model->body->fine.num_nodes, 1e3 * inputs.scene.solver.step);
-    { // the same solver without contact: gravity that turns
+    { // the same solver without contact: rotating gravity
         pliant_data *data = nullptr;
         check(pliant_data_create(model, &data));
         check(pliant_data_set_limits(data, 6, 1e-9));

@@ -1,10 +1,13 @@
-// What the mesh itself leaves out of a pull, tetrahedra and hexahedra: a point is moved, or pulled by one force, on the lattice of every ratio, settled,
-// and compared at the nodes of the coarsest with the finest ratio of either kind. A mesh that ends in 8 takes minutes.
+// Discretization error of a pull with tetrahedra and hexahedra. On the lattice of every ratio, a point is moved, or
+// pulled by one force, until equilibrium. Results are compared at the nodes of the coarsest lattice with the finest
+// ratio of either kind. A lattice with ratio 8 takes minutes.
 //
+// Usage:
 //   bench_pull SCENE SCAN X Y Z [group/name=value ...] [ratios=2,4,8] [pull=0.004,-0.029,0.006] [steps=6] [force=0] [methods=] [dump=FOLDER]
 //
-// force: 1: by the force that the first model, hexahedra of the finest ratio, takes. methods: coarse models of hexahedra of the coarsest ratio's cubes, made of
-// those of the finest, too. dump: nodes at rest, positions, fixed, tissue of each, as text.
+// force=1: apply the force of the first model, hexahedra of the finest ratio
+// methods: also coarse models of the coarsest ratio's cubes, composed of the finest ones
+// dump: write rest positions, positions, fixed flags and tissue of nodes as text
 #include "frames.h"
 
 #include <fstream>
@@ -67,7 +70,7 @@ void settle(Pulled *run, const double at[3], const std::vector<double> &pull, in
     pliant_data_free(data);
 }
 
-// how far apart at the nodes of the coarsest that both have, away from a point by at least `beyond`
+// Compare at the nodes of the coarsest lattice that both have, at a distance of at least `beyond` from a point.
 void compare(const Pulled &run, const Pulled &fine, const pliant_mesh &coarsest, const double at[3])
 {
     std::vector<double> apart[2];

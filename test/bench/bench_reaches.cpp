@@ -1,8 +1,10 @@
-// What the fine solution reaches within a time a frame, and coarse models without it, on the abdomen of the test data at
-// 256 x 160 x 122, coarse cells 7 x 7 x 7, against what is asked for. Runs some minutes; needs a machine with nothing else to do.
+// Accuracy of the fine solution within a time per frame, and of coarse models without a time limit, relative to the
+// requirements. The body is the abdomen of the test data at 256 x 160 x 122, coarse cells 7 x 7 x 7. Takes some
+// minutes; needs an idle machine.
 //
+// Usage:
 //   bench_reaches [DATA-FOLDER [ratio ...]]     default: the folder of the tests, ratios 2 and 4
-//   bench_reaches frame [DATA-FOLDER]           one frame of each pull at ratio 2, on one thread, over a fixed kernel
+//   bench_reaches frame [DATA-FOLDER]           one frame of each pull at ratio 2, on one thread, relative to a fixed kernel
 #include "figure.h"
 #include "frames.h"
 
@@ -13,14 +15,14 @@ pliant_model *build(Inputs &inputs, int iterations, double tolerance, double bud
     inputs.scene.solver.iterations = iterations;
     inputs.scene.solver.tolerance = tolerance;
     inputs.scene.solver.budget_ms = budget;
-    if (budget > 0) inputs.scene.solver.step = 2.5e-3 * budget; // the solver has its part of a frame
+    if (budget > 0) inputs.scene.solver.step = 2.5e-3 * budget; // the solver has a part of a frame
     return inputs.build();
 }
 
 std::vector<Frames> references(Inputs &inputs, int kinds)
 {
     std::vector<Frames> out;
-    pliant_model *exact = build(inputs, 50, 1e-7, 0); // many steps: factors are refreshed between them
+    pliant_model *exact = build(inputs, 50, 1e-7, 0); // many steps, because factors are refreshed between them
     std::printf("%d fine tetrahedra, %d nodes\n", exact->body->fine.num_tets, exact->body->fine.num_nodes);
     for (int kind = 0; kind < kinds; kind++) {
         out.push_back(run(exact, liver, Kind(kind), kind == FORCE ? &out[DISPLACEMENT] : nullptr, false));
@@ -30,7 +32,7 @@ std::vector<Frames> references(Inputs &inputs, int kinds)
     return out;
 }
 
-// error told over true error, of the step itself and by the next one in hindsight
+// Ratio of estimated to true error, by the step itself and by the next step.
 struct Told {
     std::vector<double> now[NUM_KINDS], before[NUM_KINDS];
 };
@@ -76,7 +78,7 @@ void let_bone_deform(Inputs &inputs, bool deform)
         if (std::strcmp(inputs.materials.materials[m].name, "bone") == 0) inputs.materials.materials[m].fixed = !deform;
 }
 
-// Each pull is timed in turn with the kernel, three times; the least ratio of the median frame counts.
+// Each pull is timed alternately with the kernel, three times; the minimum ratio of the median frame counts.
 void bench_frame(Inputs &inputs)
 {
     inputs.scene.solver.threads = 1;

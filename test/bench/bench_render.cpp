@@ -1,5 +1,6 @@
-// What a picture takes, on the GPU where there is one and on the CPU, whose bits must be the same.
+// Time of an image on the GPU, if there is one, and on the CPU, whose result must be bitwise identical.
 //
+// Usage:
 //   bench_render [SCAN [cpu]]     640 x 480 from three sides, by value and by label, and a radiograph; cpu: no GPU
 #include "figure.h"
 #include "pliant/pliant.h"
@@ -28,7 +29,7 @@ struct Seen {
     double ms = 0;
 };
 
-// a smooth wave of 8 mm
+// Return positions displaced by a smooth wave of 8 mm.
 std::vector<double> moved(const pliant_mesh &mesh)
 {
     std::vector<double> x(mesh.rest, mesh.rest + 3 * mesh.num_nodes);
@@ -90,7 +91,8 @@ int main(int argc, char **argv)
                 pliant_camera camera;
                 Seen seen;
                 style.by_label = by_label != 0;
-                if (by_label) for (int label = 1; label < 4; label++) style.shown[label] = 0; // skin, fat and what is behind them
+                // skin, fat and the tissue behind them
+                if (by_label) for (int label = 1; label < 4; label++) style.shown[label] = 0;
                 if (radiograph) {
                     const pliant_c_arm arm = {{middle[0], middle[1], middle[2]}, 0.8, 1.2, 0.3, 0.1, 640, 480, 0.001};
                     must(pliant_c_arm_camera(&arm, &camera));

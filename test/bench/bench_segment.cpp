@@ -1,6 +1,8 @@
-// Segmentation by a mixture: seconds, classes, and how well each labelled organ is met by one piece and by all pieces of one class (Dice).
+// Segmentation by a mixture: time, classes, and agreement of each labelled organ with one piece and with all pieces of
+// one class (Dice).
+// Usage:
 //   bench_segment [SCAN LABELS] [classes = 0] [coherence = 1]          on the CPU; without SCAN: the phantom at 256 x 160 x 122
-//   bench_segment cuda [SCAN]                                          on the GPU, and how many voxels have another label than the CPU's
+//   bench_segment cuda [SCAN]                                          on the GPU; number of voxels that differ from the CPU's labels
 #include "figure.h"
 #include "pliant/pliant.h"
 

@@ -1,7 +1,8 @@
-// Microseconds a sub-step of explicit dynamics, by law and options.
-//   bench_tled [cells along an edge = 14] [seconds a row = 0.5]     on the CPU, by threads, on cubes of 5 n^3 tetrahedra
-//   bench_tled cuda [seconds a row = 0.5]                           on the GPU, by size; without and with a tool that pulls
-//   bench_tled frame                                                on one thread, 13,720 tetrahedra, over a fixed kernel
+// Time of a sub-step of explicit dynamics [us], by material law and options.
+// Usage:
+//   bench_tled [cells along an edge = 14] [seconds per row = 0.5]   on the CPU, by threads, on cubes of 5 n^3 tetrahedra
+//   bench_tled cuda [seconds per row = 0.5]                         on the GPU, by size; without and with a tool that pulls
+//   bench_tled frame                                                on one thread, 13,720 tetrahedra, relative to a fixed kernel
 #include "../pipeline/body.h"
 #include "figure.h"
 
@@ -87,10 +88,10 @@ const Choice choices[] = {
     {"neo_hookean, hexahedra", PLIANT_LAW_NEO_HOOKEAN, false, false, false, false, true, false},
 };
 
-// the whole of a frame, over its sub-steps: what goes up and comes down is in it
+// Whole frames divided by their sub-steps, including transfers.
 void bench_gpu(double budget)
 {
-    // 10,000; 18,954 is not a product: 19,125; 100,000; 1,000,000 tetrahedra
+    // 10,000; 19,125 instead of 18,954, which is not a product; 100,000; 1,000,000 tetrahedra
     const int sizes[][3] = {{20, 10, 10}, {17, 15, 15}, {40, 25, 20}, {100, 50, 40}};
     std::printf("%-30s %10s %9s %12s %18s\n", "", "tetrahedra", "sub-steps", "us a step", "tetrahedra steps/s");
     for (const auto &size : sizes)
@@ -105,7 +106,7 @@ void bench_gpu(double budget)
             }
 }
 
-// Each law's sub-step is timed in turn with the kernel, three times; the least ratio counts.
+// Each law's sub-step is timed alternately with the kernel, three times; the minimum ratio counts.
 void bench_frame()
 {
     for (const Choice &choice : choices) {

@@ -1,6 +1,8 @@
-// The error that a step tells of itself against the true one, on the bodies and loads of ../pipeline/told.h: frames within a factor of three.
+// Error estimate of a step relative to the true error, on the bodies and loads of ../pipeline/told.h: fraction of
+// frames within a factor of three.
 //
-//   bench_told [SCENE or all] [group/name=value ...]     with -v each frame that is off by more
+// Usage:
+//   bench_told [SCENE or all] [group/name=value ...]     with -v: each frame outside this factor
 #include "../pipeline/told.h"
 
 int main(int argc, char **argv)

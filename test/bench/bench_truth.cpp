@@ -1,7 +1,8 @@
-// What it costs to come near the truth: sag of the tests' beam against the converged one, and CPU time of the process to load and to settle from
-// rest, hexahedra and tetrahedra of several sizes. The largest take minutes.
+// Cost of accuracy for hexahedra and tetrahedra of several sizes: sag of the tests' beam relative to the converged one,
+// and CPU time to load and settle. The largest take minutes.
 //
-//   bench_truth [most cells across the beam, default 12]
+// Usage:
+//   bench_truth [maximum cells across the beam, default 12]
 #include "../pipeline/beam.h"
 
 #include <ctime>

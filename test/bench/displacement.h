@@ -1,10 +1,10 @@
-// How a warp's body is bent where its time is taken.
+// Displacement field of a warp's body in benchmarks.
 #ifndef PLIANT_BENCH_DISPLACEMENT_H
 #define PLIANT_BENCH_DISPLACEMENT_H
 
 #include <cmath>
 
-// smooth, up to 3 cm, over a box of the given extent; amount in [0, 1]
+// Smooth, up to 3 cm, over a box of the given extent; amount in [0, 1].
 inline void displacement(const double x[3], const double extent[3], double amount, double out[3])
 {
     const double pi = 3.14159265358979;

@@ -1,4 +1,4 @@
-// What a benchmark measures, as lines that test/bench/compare reads; and a fixed kernel that times on a CPU are divided by.
+// Print the figures of a benchmark as lines that test/bench/compare reads; a fixed kernel as a reference for CPU times.
 #ifndef PLIANT_BENCH_FIGURE_H
 #define PLIANT_BENCH_FIGURE_H
 
@@ -8,16 +8,16 @@
 #include <string>
 #include <vector>
 
-// Print a figure. Smaller is better, whatever the unit.
+// Print a figure. Smaller values are better, independently of the unit.
 inline void figure(const std::string &name, double value, const char *unit)
 {
     std::printf("figure | %s | %.4g | %s\n", name.c_str(), value, unit);
     std::fflush(stdout);
 }
 
-// Return the seconds of a kernel that never changes, on one thread: multiply-adds in the first-level cache, then a triad through
-// memory (96 MB). The least of five runs. A benchmark divides its seconds by this, so that figures of two machines, or of one
-// machine at two loads, can be compared.
+// Return the time of a constant kernel on one thread [s]: multiply-adds in the first-level cache, then a triad through
+// memory (96 MB); minimum of five runs. A benchmark divides its time by this, so that figures of different machines, or
+// of one machine under different loads, are comparable.
 inline double fixed_kernel_seconds()
 {
     const size_t small = 4096, large = size_t(8) << 20;

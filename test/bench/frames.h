@@ -1,5 +1,6 @@
-// What benches share: a scene with its inputs, thirty frames of a pull or sixty of gravity that turns over, and their errors
-// against the same frames solved tightly, over all nodes of the fine mesh, in % of the final largest displacement.
+// Shared by benchmarks: a scene with its inputs, thirty frames of a pull or sixty of reversing gravity, and their
+// errors relative to tightly converged frames. Errors are over all nodes of the fine mesh, in % of the final maximum
+// displacement.
 #ifndef PLIANT_BENCH_FRAMES_H
 #define PLIANT_BENCH_FRAMES_H
 
@@ -22,14 +23,16 @@ static const char *const kind_names[] = {"displacement", "force", "gravity"};
 struct Frames {
     std::vector<std::vector<double>> positions, force;
     std::vector<double> solve, residual;
-    std::vector<double> told, before; // the error that a step tells of itself, and the next step of it [m]; the last has none
+    // error estimate of a step, and estimate of the previous step by the next one [m]; the last one is missing
+    std::vector<double> told, before;
     double iterations = 0;
-    int waited = 0; // steps until the patch was there
+    int waited = 0; // number of steps until the patch was available
 };
 
 struct Errors {
-    double worst = 0;          // [%]
-    std::vector<double> ratio, before; // told over true, where the true one is above a micrometre; in hindsight
+    double worst = 0;          // maximum [%]
+    // ratio of estimated to true error, for true errors above a micrometre; by the step itself and by the next one
+    std::vector<double> ratio, before;
 };
 
 inline void check(pliant_status status)
@@ -55,7 +58,7 @@ struct Inputs {
         pliant_volume_free(&scan);
     }
     void set(const char *name, const std::string &value) { check(pliant_scene_set(&scene, name, value.c_str())); }
-    // group/name=value, from argv[first] on
+    // Set options group/name=value, starting at argv[first].
     void set_options(int argc, char **argv, int first)
     {
         for (int a = first; a < argc; a++) {
@@ -71,7 +74,7 @@ struct Inputs {
         check(pliant_model_build(&scene, &scan, &labels, &materials, {nullptr, nullptr}, &model));
         return model;
     }
-    // the abdomen of the test data at 256 x 160 x 122, solved by the CPU; its scan is returned, to be read
+    // Set the abdomen of the test data at 256 x 160 x 122, solved by the CPU. Return the path of its scan.
     std::string set_abdomen(const std::string &folder)
     {
         set("scan/resample", "256 160 122");
@@ -84,9 +87,9 @@ struct Inputs {
     }
 };
 
-static const double liver[3] = {-0.057, -0.255, 0.392}; // the abdomen's, at its front
+static const double liver[3] = {-0.057, -0.255, 0.392}; // front of the abdomen's liver
 
-// up for 15 frames, then sideways: 1 mm a frame
+// Move up for 15 frames, then sideways: 1 mm per frame.
 inline void offset_at(int frame, double out[3])
 {
     out[0] = 0.001 * std::max(frame - 15, 0);
@@ -94,8 +97,9 @@ inline void offset_at(int frame, double out[3])
     out[2] = 0;
 }
 
-// paced: frames begin solver/step apart, as in a running simulation, so that the background has its time, and each is one step;
-// otherwise a frame is stepped until it is solved, forty times at most
+// Run the frames.
+// paced: frames start solver/step apart, as in a running simulation, so that the background has its time, and each is
+// one step; otherwise a frame is stepped until it has converged, at most forty times
 inline Frames run(const pliant_model *model, const double at[3], Kind kind, const Frames *driving, bool paced)
 {
     pliant_data *data = nullptr;
@@ -114,7 +118,7 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         if (paced) std::this_thread::sleep_until(begin);
         begin = std::max(begin, std::chrono::steady_clock::now() - std::chrono::milliseconds(1));
     };
-    if (kind == GRAVITY) { // it hangs at rest before it is turned
+    if (kind == GRAVITY) { // it hangs at rest before gravity rotates
         const double down[3] = {0, 9.81, 0};
         check(pliant_data_set_gravity(data, down));
         pliant_status status = PLIANT_NOT_CONVERGED;
@@ -126,14 +130,14 @@ inline Frames run(const pliant_model *model, const double at[3], Kind kind, cons
         check(pliant_tool_add(model, data, "bench", &tool));
         check(pliant_tool_grasp(model, data, tool, at));
         std::memcpy(from, data->tools[tool].tip, sizeof from);
-        // a patch is made while the tool holds still
+        // the patch is computed while the tool does not move
         if (model->fine_system)
             do step();
             while (out.waited++, data->statistics.patch_waiting > 0);
     }
     for (int f = 1; f <= count; f++) {
         pace();
-        if (kind == GRAVITY) { // turned through 180 degrees, from lying on the back (+y)
+        if (kind == GRAVITY) { // rotated by 180 degrees, from lying on the back (+y)
             double angle = M_PI * f / count, g[3] = {9.81 * std::sin(angle), 9.81 * std::cos(angle), 0};
             check(pliant_data_set_gravity(data, g));
         } else {
@@ -187,7 +191,7 @@ inline Errors errors_of(const pliant_model *model, const Frames &run, const Fram
     return out;
 }
 
-// of the errors that steps tell: how many are within a factor of three of the true ones
+// Print the fraction of error estimates within a factor of three of the true errors.
 inline void print_told(const char *which, const std::vector<double> &ratio)
 {
     const auto within = std::count_if(ratio.begin(), ratio.end(), [](double r) { return r > 1.0 / 3 && r < 3; });

@@ -1,4 +1,5 @@
-// A block of cubes that is rolled up along x until its ends overlap by a part of an element; less than 0: until they are so far apart.
+// A block of cubes rolled up along x until its ends overlap by a fraction of an element; negative: until this distance
+// remains.
 #ifndef PLIANT_BENCH_ROLLED_H
 #define PLIANT_BENCH_ROLLED_H
 
@@ -12,7 +13,7 @@
 struct Rolled {
     pliant_mesh mesh{};
     std::vector<double> positions;
-    std::vector<int32_t> surface, all; // tetrahedra
+    std::vector<int32_t> surface, all; // indices of tetrahedra
 
     explicit Rolled(int32_t cells, double part = 0.5)
     {

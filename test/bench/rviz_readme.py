@@ -34,7 +34,7 @@ DISPLAYS = """
 VIEW = {"Class": "rviz/Orbit", "Distance": 0.52, "Yaw": 4.85, "Pitch": 0.25, "Near Clip Distance": 0.01,
         "Focal Point": "{X: 0, Y: 0, Z: -0.005}"}
 SIZE = 640, 500
-# the lower edge of the liver, just behind the cut, and how far it is pulled towards the pelvis [m]
+# grasped point at the lower edge of the liver behind the cut, and its displacement towards the pelvis [m]
 HOLD, WAY = numpy.array([-0.085, -0.035, 0.046]), numpy.array([0.035, 0.0, -0.06])
 PARAMETERS = ["_tools:=grasper", "_tool_max_age:=1.0", "_mesh/coarse_cells:=[14, 10, 11]", "_grasp/stiffness:=3000.0"]
 FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "launch", "rviz")

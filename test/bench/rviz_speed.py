@@ -19,10 +19,10 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import rviz_stage  # noqa: E402
 
 SCENE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "launch", "scenes", "demo.yaml")
-# a point on the front of the belly, and the way that it is pulled [m]
+# a point on the front of the belly, and its displacement [m]
 HOLD, WAY = numpy.array([-0.054, -0.063, 0.063]), numpy.array([0.0, -0.03, 0.0])
 VIEW = {"Class": "rviz/Orbit", "Distance": 0.6, "Yaw": 4.7, "Pitch": 0.2, "Near Clip Distance": 0.01}
-# what rviz's window takes beside the 3-D view
+# size of rviz's window without the 3-D view
 BESIDE, ABOVE = 32, 91
 
 
@@ -40,7 +40,7 @@ def display(arguments, slices):
 
 
 def open_stage(arguments, slices, size, scene=(), rate=30):
-    # Mesa writes down the rate of rviz's frames every half second
+    # Mesa writes the frame rate of rviz every half second
     os.environ.update(GALLIUM_HUD="fps", GALLIUM_HUD_PERIOD="0.5", GALLIUM_HUD_VISIBLE="false")
     stage = rviz_stage.Stage(rviz_stage.config(display(arguments, slices), VIEW, rate=rate), 800 + BESIDE, 600 + ABOVE)
     os.environ["GALLIUM_HUD_DUMP_DIR"] = stage.folder
@@ -90,7 +90,7 @@ def frames(arguments, moving):
     print("%-12s %-10s %6s %9s %9s %9s" % ("volume", "rendering", "slices", "frames/s", "rviz CPU", "node CPU"), flush=True)
     for size in arguments.size:
         for slices in arguments.slices:
-            # each in a process of its own: there is one ROS node in a process
+            # in a separate process, because a process can have only one ROS node
             run = multiprocessing.Process(target=measure, args=(arguments, size, slices, moving))
             run.start()
             run.join()

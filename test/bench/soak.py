@@ -17,7 +17,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../src/python"))
 import pliant  # noqa: E402
 
-STEP, ROUND, RELOAD, ROW, HOUR = 0.02, 10.0, 20, 120, 3600  # [s]; of a round; rounds until the scan is loaded anew; of a row; of an hour
+# [s]: step, duration of a round, rounds until the scan is reloaded, duration of a row, an hour
+STEP, ROUND, RELOAD, ROW, HOUR = 0.02, 10.0, 20, 120, 3600
 MEASURES = ("CPU time [ms]", "wall time [ms]", "evaluations")
 OPTIONS = {"mesh/coarse_cells": "7 5 6", "mesh/ratio": 2, "model/method": "averaged", "solver/threads": 1, "cut/kind": "sever", "cut/resistance": 0,
            "solver/step": STEP, "element/kind": "linear", "grasp/stiffness": 500}
@@ -41,7 +42,7 @@ class Operation:
         """One more; of every step what MEASURES names is put into the columns of told."""
         if self.rounds % RELOAD == RELOAD - 1:
             self.sim.close()
-            gc.collect()  # it and its tools hold each other
+            gc.collect()  # the object and its tools refer to each other
             self.load()
         self.rounds += 1
         self.sim.reset()
@@ -66,7 +67,7 @@ class Operation:
         try:
             self.forceps.grasp(place)
         except pliant.Error:
-            return  # cut away from there
+            return  # the tissue there was cut away
         self.held = np.array(self.forceps.state["tip"])
 
 
@@ -85,7 +86,7 @@ def main():
     patience = float(sys.argv[2]) if len(sys.argv) > 2 else float("inf")
     operation, rows, table, begin = Operation(), [], [], time.time()
     steps, in_row, in_hour = int(ROUND / STEP), int(ROW / STEP), int(HOUR / STEP)
-    told = np.zeros((len(MEASURES), in_hour))  # of this hour; made once, as memory is looked at
+    told = np.zeros((len(MEASURES), in_hour))  # measurements of this hour; allocated once, because memory is monitored
     while len(rows) * ROW < hours * HOUR and time.time() - begin < patience:
         first = len(rows) * in_row % in_hour
         for step in range(first, first + in_row, steps):

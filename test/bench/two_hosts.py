@@ -180,7 +180,7 @@ def operate(link, processes):
     failures = ["no steps while the link is " + name for name in told if told[name].get("steps", 0) < 0.5 * good["steps"]]
     failures += ["the tool is not there while the link is " + name for name in ("good", "good again") if not told[name].get("of those present")]
     latest = max(part["console"].get("latest force [ms]", 0) for part in (good, bad, again))
-    if latest > 90:  # 40 ms of time-out, 50 ms to be zero
+    if latest > 90:  # 40 ms of timeout, 50 ms until zero
         failures.append("a force reached the hand %.0f ms after the last input" % latest)
     return failures
 

@@ -1,13 +1,14 @@
-// Time of the warp against ITK's WarpImageFilter with a dense displacement field: the same volume, threads, and run.
+// Time of the warp relative to ITK's WarpImageFilter with a dense displacement field: the same volume, threads, and
+// run.
 //
-// Usage: warp_bench [RUNS]     (15 by default; every figure is the median of so many runs)
+// Usage: warp_bench [RUNS]     (default 15; every figure is the median of these runs)
 //
-// Floor, 16 bits a voxel: 2 bytes read and 2 written are 20 MB for 5.0 M voxels, 1 to 2 ms from memory; but each voxel
-// needs 8 neighbours. 32 bits hold a voxel and its right neighbour: 4 loads a voxel, 20 M loads for 5.0 M voxels, two
-// at a time. "gathers alone" is that, measured: 4 gather instructions for 8 voxels, all lanes busy, along straight rows.
-// The gap to the warp is who owns a voxel (a third of the time), where it comes from, and the blending.
+// Lower bound for 16 bits per voxel: 2 bytes read and 2 written are 20 MB for 5.0 M voxels, 1 to 2 ms from memory. But
+// each voxel needs 8 neighbours. 32 bits contain a voxel and its right neighbour: 4 loads per voxel, 20 M loads for 5.0
+// M voxels, two at a time. "gathers alone" measures this: 4 gather instructions for 8 voxels, all lanes active, along
+// straight rows. The remaining time of the warp is the search for owners (a third), the map, and the interpolation.
 //
-// Columns: wall time by stage, and the time all threads have run (CPU), each also as a fraction of ITK's.
+// Columns: wall time by stage, and CPU time of all threads, each also as a fraction of ITK's.
 #include "displacement.h"
 #include "pliant/memory.h"
 #include "pliant/warp.h"
@@ -37,7 +38,7 @@ double median(std::vector<double> values)
     return values[values.size() / 2];
 }
 
-// seconds that all threads of this program have run: what other programs on the machine do hardly matters to it
+// CPU time of all threads of this program [s], which other programs hardly affect
 double cpu_seconds()
 {
     timespec now;
@@ -99,7 +100,7 @@ setup make_setup(const int32_t size[3], const int32_t cells[3])
     return s;
 }
 
-// A warp that goes back and forth between two states, and its times.
+// A warp that alternates between two states, and its times.
 struct timed_warp {
     const char *name;
     const std::vector<double> &a, &b;
@@ -219,7 +220,7 @@ void table(const int32_t size[3], const int32_t cells[3], int runs)
         timed_warp all("all", s, threads, s.moved, s.moved_more), tenth("one tenth", s, threads, s.moved, s.tenth),
             none("none", s, threads, s.moved, s.moved), shift("all, one voxel", s, threads, s.rest, s.shifted);
         times itk, gathers;
-        for (int run = 0; run < runs; run++) { // in turn, so that all meet the same machine
+        for (int run = 0; run < runs; run++) { // alternately, so that all have the same conditions
             itk.run([&] {
                 filter->Modified();
                 filter->Update();

@@ -1,5 +1,5 @@
-// Forces between steps, against a simulation whose steps are late, as in the node: poses come at 1 kHz, a step begins every 20 ms and is there
-// 12 ms later. No ROS, no clock.
+// Forces between steps, with a simulation whose steps are delayed as in the node: poses arrive at 1 kHz, a step starts
+// every 20 ms and ends 12 ms later. No ROS, no clock.
 #include "../pipeline/body.h"
 #include "ros/sim/between.h"
 #include "ros/sim/pose_filter.h"
@@ -14,7 +14,7 @@ const int size[3] = {6, 6, 6};
 const double box[3] = {0.12, 0.12, 0.12}, still[4] = {0, 0, 0, 1};
 enum { STEP = 20, LATE = 12 /* [ms] */ };
 
-// A stroke: where the tip is, from where it takes hold.
+// A stroke: position of the tip relative to the grasp.
 struct Way {
     const char *name;
     double (*at)(int millisecond, int axis);
@@ -25,14 +25,15 @@ double fast(int t, int axis) { return (axis == 2 ? 0.02 : 0.008) * std::pow(std:
 double slow(int t, int axis) { return (axis == 2 ? 0.02 : 0.008) * std::pow(std::sin(M_PI * t / 1500), 2); }
 double pushed(int t, int axis) { return (axis == 2 ? -0.01 : 0.004) * std::pow(std::sin(M_PI * t / 600), 2); }
 double shaken(int t, int axis) { return slow(t, axis) + 5e-4 * std::sin(0.3 * t + axis); } // 48 Hz
-double noisy(int t, int axis) { return slow(t, axis) + 2e-5 * ((t * 7919 + axis * 104729) % 101 / 50.0 - 1); } // an encoder's
+// encoder noise
+double noisy(int t, int axis) { return slow(t, axis) + 2e-5 * ((t * 7919 + axis * 104729) % 101 / 50.0 - 1); }
 double stepped(int t, int axis) { return slow(t / 10 * 10, axis); } // poses at 100 Hz
 const Way ways[] = {{"fast", fast, 600}, {"slow", slow, 3000}, {"pushed", pushed, 1200}, {"shaken", shaken, 3000}, {"noisy", noisy, 3000}, {"stepped", stepped, 3000}};
 
 struct Told {
-    double in = 0, out = 0, least = 0; // energy put in, given out; the least that was left of it [J]
-    double jump = 0, zero_order = 0;   // the largest change of the force from one answer to the next; of the steps' own forces [N]
-    double off = 0, most = 0;          // from the step's own force at that step's pose [N]; the largest force
+    double in = 0, out = 0, least = 0; // energy put in, energy returned, and minimum of the difference [J]
+    double jump = 0, zero_order = 0;   // maximum change of the force between two answers, and between two steps [N]
+    double off = 0, most = 0;          // maximum difference from the force of the step at its pose [N]; maximum force
 };
 
 struct Held : Body {
@@ -65,7 +66,7 @@ struct Held : Body {
         EXPECT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK);
         pliant_tool_linear nothing{};
         nothing.known = true;
-        between.frame(-0.021, nothing, true); // before it took hold
+        between.frame(-0.021, nothing, true); // before the grasp
         between.answer(-0.011, rest, still, now);
         between.frame(-0.001, linear, true);
         for (int t = 0; t <= way.milliseconds + 500; t++) {
@@ -115,15 +116,17 @@ TEST(Between, GivesNoMoreThanItGot)
                    way.name, told.in, told.out, told.least, 100 * told.least / told.in, told.jump, told.zero_order, told.off, told.most);
             EXPECT_GE(told.least, -0.01 * told.in);
             EXPECT_GT(told.in, 0.015);
-            if (way.at == slow || way.at == pushed || way.at == stepped) { // steps alone jump by 0.15 to 0.2 N
+            // forces of steps alone jump by 0.15 to 0.2 N
+            if (way.at == slow || way.at == pushed || way.at == stepped) {
                 EXPECT_LT(told.jump, 0.15 * told.most / 4);
                 EXPECT_LT(told.off, 0.06 * told.most);
             }
-            if (kind == PLIANT_COROTATIONAL) EXPECT_GT(told.out, 0.95 * told.in); // and it is the tissue's spring still
+            // and the stiffness of the tissue is preserved
+            if (kind == PLIANT_COROTATIONAL) EXPECT_GT(told.out, 0.95 * told.in);
         }
 }
 
-// it may differ from the step's force by the bound alone, ends softly within 50 ms, and comes back by a ramp
+// The force differs from the step's force by at most the bound, decays smoothly within 50 ms, and returns with a ramp.
 TEST(Between, IsBoundedAndRises)
 {
     Held held(PLIANT_COROTATIONAL);
@@ -162,7 +165,8 @@ TEST(Between, IsBoundedAndRises)
     EXPECT_LE(out[2], force + 0.5 + 1e-9);
 }
 
-// A spring of 500 N/m that holds a force; 1 kHz of poses with an encoder's noise, steps of 20 ms. The force after three seconds.
+// Return the force after three seconds of a spring of 500 N/m that holds a force, with poses at 1 kHz with encoder
+// noise, and steps of 20 ms.
 double after_a_while(double force_at(int millisecond), double outlier_at(int millisecond))
 {
     Between between(5);
@@ -189,7 +193,8 @@ TEST(Between, AForceThatStaysComesBack)
     EXPECT_NEAR(after_a_while([](int) { return 2.5; }, [](int t) { return t < 1000 ? 0.005 - 3e-4 * std::min(t, 16) : 2e-4; }), 2.5, 0.2) << "back fast, then still";
 }
 
-// what steps alone tell: it begins where nothing acted at nothing, and what was lost falls; a force that begins by itself is as it is
+// Without forces between steps: a sudden force starts at zero, a lost force decays, and a force that starts at zero is
+// unchanged.
 TEST(Ramp, BeginsAndEndsSoftly)
 {
     pliant_ros::Ramp ramp;
@@ -215,7 +220,8 @@ TEST(PoseFilter, TakesJitterWhereItIsAskedFor)
     for (int t = 0; t < 1000; t++) {
         const double jitter = 1e-3 * ((t * 7919) % 101 / 50.0 - 1), half = 0.5 * (0.3 + jitter);
         pose.translation[0] = 0.1 + jitter;
-        pose.rotation[2] = (t % 2 ? -1 : 1) * std::sin(half), pose.rotation[3] = (t % 2 ? -1 : 1) * std::cos(half); // both signs are one rotation
+        // both signs are the same rotation
+        pose.rotation[2] = (t % 2 ? -1 : 1) * std::sin(half), pose.rotation[3] = (t % 2 ? -1 : 1) * std::cos(half);
         const pliant_ros::Rigid same = off.next(0.01 * t, "arm", pose);
         for (int d = 0; d < 3; d++) ASSERT_EQ(same.translation[d], pose.translation[d]);
         for (int i = 0; i < 4; i++) ASSERT_EQ(same.rotation[i], pose.rotation[i]);

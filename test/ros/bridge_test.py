@@ -71,7 +71,7 @@ class BridgeList(unittest.TestCase):
         rospy.wait_for_service("/tissue/reset", 60)
         rospy.wait_for_message("/tissue/timing", rospy.AnyMsg, 60)
         listed = yaml.safe_load((SOURCE / "launch/ros2_bridge.yaml").read_text())
-        # the node subscribes to any type: the master has the types of these topics once somebody publishes
+        # the node subscribes to any type; the master has a type once there is a publisher
         publishers = [rospy.Publisher(topic["topic"], roslib.message.get_message_class(ros1_name(topic["type"])), queue_size=1)
                       for topic in listed["topics"] if topic["topic"].endswith(("/measured_cp", "/measured_js"))]
         self.assertEqual(len(publishers), 2)
@@ -110,7 +110,7 @@ class Ros2Package(unittest.TestCase):
         self.assertEqual(manifest.findtext("member_of_group"), "rosidl_interface_packages")
         rules = manifest.find("export/ros1_bridge").get("mapping_rules")
         self.assertIn("FILES %s DESTINATION" % rules, (self.package / "CMakeLists.txt").read_text())
-        # two keys alone: ros1_bridge then pairs all messages and services by name
+        # with only two keys, ros1_bridge pairs all messages and services by name
         self.assertEqual(yaml.safe_load((self.package / rules).read_text()),
                          [{"ros1_package_name": "pliant", "ros2_package_name": "pliant_msgs"}])
         text = "".join(path.read_text() for path in self.package.glob("*/*.[ms]*"))
@@ -121,7 +121,7 @@ class Ros2Package(unittest.TestCase):
     def test_every_message_has_the_fields_and_constants_of_ros_1(self):
         ros1, ros2 = self.names("msg")
         self.assertEqual(ros1, ros2)
-        # in another process, because the converter replaces sys.stdout
+        # in a separate process, because the converter replaces sys.stdout
         subprocess.run([sys.executable, "-c", CONVERT, str(self.package)] + ros1, check=True, stdout=subprocess.DEVNULL)
         for name in ros1:
             path, context = str(SOURCE / "msg" / (name + ".msg")), genmsg.MsgContext.create_default()

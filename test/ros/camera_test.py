@@ -18,8 +18,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import Latest, Tool, call, wait_for  # noqa: E402
 
-POINT = numpy.array([-0.06, -0.06, 0.07])  # of the phantom's liver [m, tissue]
-AWAY = 0.3  # of the cameras in front of it [m]
+POINT = numpy.array([-0.06, -0.06, 0.07])  # in the phantom's liver [m, tissue frame]
+AWAY = 0.3  # distance of the cameras in front of it [m]
 HALF = numpy.sqrt(0.5)
 
 
@@ -63,7 +63,8 @@ class CameraTest(unittest.TestCase):
         rospy.init_node("camera_test")
         cls.frames = tf2_ros.StaticTransformBroadcaster()
         place = POINT + [0, -AWAY, 0]
-        # optical: x to the patient's left, y to the feet, z to the back: a quarter turn about x; AMBF: x to the front, y left, z to the head
+        # optical: x to the patient's left, y to the feet, z to the back: a quarter turn about x; AMBF: x to the front,
+        # y left, z to the head
         cls.frames.sendTransform([transform("front_optical", place, (-HALF, 0, 0, HALF)), transform("scope", place, (0, 0, -HALF, HALF))])
         cls.pictures = None
         cls.diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray, cls.count)
@@ -97,7 +98,7 @@ class CameraTest(unittest.TestCase):
         looks = Latest("front/image_raw", Image)
         wait_for(lambda: looks.message, "a picture")
         looks.close()
-        time.sleep(1.5)  # what is under way ends
+        time.sleep(1.5)  # wait until pending images are sent
         before = self.pictures
         self.assertGreater(wait_for(lambda: self.pictures, "pictures"), 0)
         seen = []
@@ -113,7 +114,7 @@ class CameraTest(unittest.TestCase):
         picture, tissue = pixels_of(wait_for(lambda: image.message, "a picture")), pixels_of(wait_for(lambda: label.message, "labels"))
         self.assertEqual(image.message.header.frame_id, "front_optical")
         middle = before[60, 80]
-        self.assertTrue(0.1 < middle < AWAY)  # the wall lies in front of the liver
+        self.assertTrue(0.1 < middle < AWAY)  # the abdominal wall lies in front of the liver
         self.assertGreater(picture[60, 80].max(), 60)
         there = picked(POINT + [0, -AWAY, 0], (0.5 / 138.56, 1, -0.5 / 138.56), -300)
         self.assertEqual(self.names[tissue[60, 80] - 1], self.names[there.material])
@@ -124,7 +125,7 @@ class CameraTest(unittest.TestCase):
         self.assertAlmostEqual(place[60, 80, 2], middle, delta=1e-3)
         self.assertTrue((colours[60, 80] == picture[60, 80]).all())
 
-        wall = POINT + [0, middle - AWAY + 0.006, 0]  # a little below the skin
+        wall = POINT + [0, middle - AWAY + 0.006, 0]  # slightly below the skin
         contact = Latest("grasper/contact", ContactState)
         self.tool.appear(wall)
         self.tool.take_hold(contact)
@@ -132,7 +133,8 @@ class CameraTest(unittest.TestCase):
         nearer = wait_for(lambda: (lambda now: now if before[60, 80] - now[60, 80] > 0.008 else None)(pixels_of(depth.message)), "the wall to come nearer")
         moved = numpy.where(numpy.isfinite(before) & numpy.isfinite(nearer), before - nearer, 0)
         self.assertLess(moved[60, 80], 0.03)
-        self.assertGreater(moved[50:70, 70:90].mean(), 3 * abs(moved[:, :20]).mean())  # there, and not at the side
+        # at the point, and not at the side
+        self.assertGreater(moved[50:70, 70:90].mean(), 3 * abs(moved[:, :20]).mean())
         for latest in (image, depth, label, points, contact):
             latest.close()
 
@@ -144,7 +146,7 @@ class CameraTest(unittest.TestCase):
         self.assertTrue((numpy.nan_to_num(a) != numpy.nan_to_num(b)).any())
         place, _ = points_of(wait_for(lambda: cloud.message, "points"))
         seen = numpy.isfinite(place[..., 0])
-        self.assertLess(place[..., 0][seen].max(), -0.15)  # AMBF's x points backwards
+        self.assertLess(place[..., 0][seen].max(), -0.15)  # AMBF's x axis points backwards
         row, column = numpy.argwhere(seen)[0]
         z = -place[row, column, 0]
         focal = 40 / numpy.tan(numpy.radians(25))
@@ -164,9 +166,10 @@ class CameraTest(unittest.TestCase):
         left, right = (pixels_of(wait_for(lambda: picture.message, "a picture")).mean(axis=2) for picture in pictures)
         z, other = (pixels_of(wait_for(lambda: depth.message, "depth")) for depth in depths)
         P = wait_for(lambda: info.message, "a calibration").P
-        columns, disparity = numpy.arange(80), -P[3] / z  # [pixels]: focal length times baseline over depth
+        columns, disparity = numpy.arange(80), -P[3] / z  # [pixels]: focal length times baseline divided by depth
 
-        def seen_right(of, part):  # what the right eye has where a part of the disparity takes the left eye's pixels
+        # the right eye's values where a fraction of the disparity moves the left eye's pixels
+        def seen_right(of, part):
             at = columns - part * disparity
             there = numpy.isfinite(at) & (at >= 0) & (at <= 79)
             return there, numpy.array([numpy.interp(numpy.nan_to_num(row), columns, line) for row, line in zip(at, of)])
@@ -177,12 +180,12 @@ class CameraTest(unittest.TestCase):
         self.assertGreater(numpy.nanmedian(disparity), 2)
         self.assertAlmostEqual(parts[numpy.argmin(apart)], 1, delta=0.101)
         self.assertLess(min(apart), 0.5 * apart[0])
-        there, depth = seen_right(other, 1)  # not a number beside what is not seen
+        there, depth = seen_right(other, 1)  # NaN next to invisible pixels
         apart = numpy.abs(depth - z)[there & numpy.isfinite(depth)]
         self.assertGreater(len(apart), 100)
-        self.assertLess(numpy.median(apart), 0.002)  # eyes side by side see a point as far along z
+        self.assertLess(numpy.median(apart), 0.002)  # both eyes see a point at the same z
 
-        def come_in_pairs():  # as who matches them wants; a queue of one may lose some, on a busy machine more for a while
+        def come_in_pairs():  # stereo matching needs pairs; a queue of one may lose some, more on a busy machine
             eyes = [list(each) for each in stamps.values()]
             last = min(each[-1] for each in eyes)
             latest = [set([stamp for stamp in each if stamp <= last][-20:]) for each in eyes]

@@ -103,7 +103,7 @@ class CheckpointTest(unittest.TestCase):
         wait_for(lambda: frames.can_transform("world", "tissue", rospy.Time(0)), "the tissue's frame")
         self.assertAlmostEqual(frames.lookup_transform("world", "tissue", rospy.Time(0)).transform.translation.z, 0.25)
         self.assertEqual(rospy.get_param(NAMESPACE + "sim/model/gravity")[2], -1.5)
-        # and what is done from there on is the same tissue
+        # the restored tissue continues in the same way
         tool.closed = False
         wait_for(lambda: not node.contact.fresh().grasped, "the tool to let go")
 

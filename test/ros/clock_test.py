@@ -55,11 +55,11 @@ class ClockTest(unittest.TestCase):
 
         self.start = 0.0
         wait_for(lambda: rospy.get_time() < 900, "the new time here")
-        for topic in (force, node.contact):  # a stamp of the old time is later than any of the new
+        for topic in (force, node.contact):  # stamps before the jump are later than all new ones
             wait_for(lambda: topic.message.header.stamp.to_sec() < 900, topic.topic + " of the new time")
         self.assertFalse(node.contact.fresh().grasped)
         wait_for(lambda: force.fresh().wrench.force.y == 0, "no force")
-        # the same tool, with stamps of the new time, is there again, and takes hold when it closes anew
+        # the same tool with new stamps is present again, and grasps when it closes again
         wait_for(lambda: node.contact.fresh().present, "the tool to be back")
         self.assertFalse(node.contact.fresh().grasped)
         tool.take_hold(node.contact)
@@ -69,7 +69,7 @@ class ClockTest(unittest.TestCase):
         self.clock_runs = False
         time.sleep(4)
         self.assertLess(force.message.wrench.force.y, -0.1, "of an arm that goes on sending")
-        before = rospy.get_time()  # from here on no stamp says what is new
+        before = rospy.get_time()  # from here on no stamp indicates new data
         tool.is_on = False
         time.sleep(1)
         self.assertLess(force.message.wrench.force.y, -0.1, "of a simulator that pauses")

@@ -13,7 +13,7 @@
 
 namespace {
 
-/* base/inside is the root; base/secret lies beside it */
+/* base/inside is the root; base/secret is next to it */
 class Confine : public ::testing::Test {
 protected:
     void SetUp() override
@@ -60,7 +60,7 @@ TEST_F(Confine, RefusesDotsAndAbsolutePathsOutside)
     EXPECT_FALSE(may_read("/etc/passwd"));
 }
 
-// nobody learns what there is outside
+// Error messages do not reveal whether a file outside exists.
 TEST_F(Confine, WhatIsNotThereOutsideIsRefusedLikeWhatIs)
 {
     for (const char *name : {"../secret.nii", "../nothing.nii", "../nothing/of/that.nii", "/nothing/at/all.nii"}) {
@@ -93,7 +93,7 @@ TEST_F(Confine, RefusesLinksToOutside)
     EXPECT_EQ(resolved, root + "/scan.nii");
 }
 
-/* Scans that would be read, were it not for where their data lie. */
+/* Scans that are readable except for the location of their data. */
 class ConfinedReadsTest : public Confine {
 protected:
     void SetUp() override
@@ -103,7 +103,7 @@ protected:
         write(base + "/secret.raw", voxels);
         write(root + "/scan.raw", voxels);
     }
-    /* under the confinement, and without: a case that cannot be read at all would show nothing */
+    /* Read with and without the confinement, because a case that is unreadable anyway would test nothing. */
     bool reads(const std::string &name)
     {
         pliant_volume volume{};
@@ -149,7 +149,7 @@ TEST_F(ConfinedReadsTest, DataFilesOfNrrdHeaders)
     write(root + "/long_line.nhdr", nrrd + "#" + std::string(5000, 'x') + "\ndata file: " + secret() + "\n\n");
     for (const char *name : {"whole.nhdr", "dots.nhdr", "by_content.dat", "blanks.nhdr", "long_line.nhdr"})
         expect_refused(name);
-    /* of several files none is ever read; nor is their line anything in the data */
+    /* no file of a list is read, and the list's line is not part of the data */
     write(root + "/list.nhdr", nrrd + "data file: LIST\n" + secret() + "\n");
     write(root + "/pattern.nhdr", nrrd + "data file: " + base + "/secret%d.raw 1 2 1\n\n");
     EXPECT_FALSE(reads("list.nhdr"));
@@ -251,7 +251,8 @@ TEST_F(ConfinedReadsTest, TablesAndScenesToo)
     pliant_material_table_free(&read);
 }
 
-// the operator's scene may lie anywhere: its table, mesh, obstacles and their STL files are read, and nothing else outside
+// The operator's scene may be anywhere: its table, mesh, obstacles and their STL files are read, and nothing else
+// outside.
 TEST_F(ConfinedReadsTest, FilesOfTheOwnScene)
 {
     write(base + "/table.yaml", "materials: []\n");

@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Launch, Node, wait_for  # noqa: E402
 
-VOXELS, SPACING = (10, 4, 12), (3.0, 1.5, 2.0)  # a tongue of 30 x 6 x 24 mm that stands on a plate
+VOXELS, SPACING = (10, 4, 12), (3.0, 1.5, 2.0)  # a tongue of 30 x 6 x 24 mm on a plate
 TOP = numpy.array([0.0151, 0.0031, 0.024])
 MATERIALS = "materials: [{name: liver, young_modulus: 5000, poisson_ratio: 0.4, density: 1000, range: [0, 1000]}]\n"
 SCENE = """material: {file: materials.yaml}
@@ -182,7 +182,8 @@ class ContactTest(unittest.TestCase):
             numpy.testing.assert_allclose(numpy.linalg.norm(rows(contact.normals), axis=1), 1, atol=1e-12)
             self.assertLess(rows(contact.normals)[:, 2].max(), 0)  # into the tissue
             self.assertTrue(all(area >= 0 for area in contact.areas))
-            self.assertTrue(0 < sum(contact.areas) < VOXELS[0] * SPACING[0] * VOXELS[1] * SPACING[1] * 1e-6)  # less than the top of the tongue
+            # less than the top of the tongue
+            self.assertTrue(0 < sum(contact.areas) < VOXELS[0] * SPACING[0] * VOXELS[1] * SPACING[1] * 1e-6)
             self.assertLess(wrench[2], -0.02)
         self.probe.way(tip, TOP + [0, 0, 0.08], 8)
         wait_for(lambda: not pairs.told()[-1][0].points and (pairs.told()[-1][1] == 0).all(), "no force in air")
@@ -218,7 +219,8 @@ class ContactTest(unittest.TestCase):
         self.assertLess(error[2], -0.001)
         numpy.testing.assert_allclose(row(contact.proxy.position), tip - error, rtol=0, atol=1e-12)
         q = contact.proxy.orientation
-        self.assertAlmostEqual(contact.proxy_angle, 2 * numpy.arccos(min(1, abs(q.x))), delta=1e-3)  # the tool is turned about x by half a turn
+        # the tool is rotated about x by half a turn
+        self.assertAlmostEqual(contact.proxy_angle, 2 * numpy.arccos(min(1, abs(q.x))), delta=1e-3)
         self.assertAlmostEqual(contact.jaw_error, 0, delta=1e-6)  # a probe has no jaws
         self.assertLess(numpy.linalg.norm(pressed(contact, tip)[:3]), 1.05 * limit)
         self.assertGreater(numpy.linalg.norm(pressed(contact, tip)[:3]), 0.9 * limit)
@@ -237,7 +239,7 @@ class ContactTest(unittest.TestCase):
         apart = row(ghost[-1].pose.position) - row(solid[-1].pose.position)
         numpy.testing.assert_allclose(apart, error, rtol=0, atol=1e-3)
 
-        def warns():  # once a second: the first one may be of a step on the way
+        def warns():  # once per second; the first one may belong to an earlier step
             found = self.diagnosed("tool PSM2")
             return found and "force limit" in found[0].message and abs(float(found[1]["proxy error [mm]"]) - 1e3 * numpy.linalg.norm(error)) < 0.1 and found
         status, values = wait_for(warns, "a warning of the force limit with the error that the contact has")
@@ -279,7 +281,7 @@ class ContactTest(unittest.TestCase):
         self.assertTrue(sideways.min() < -0.5 and sideways.max() > 0.5, "jaws press from both sides: %s" % sideways)
         self.assertEqual((contact.grasped, contact.held_nodes), (False, 0))
         before = self.lifted()
-        up = place + [0, 0, 0.003]  # they hold up to 4 mm, and are off it at 12
+        up = place + [0, 0, 0.003]  # they hold up to 4 mm, and release before 12 mm
         pairs = Pairs("PSM1")
         self.addCleanup(pairs.close)
         self.forceps.way(place, up, 6, (CLOSED, CLOSED))

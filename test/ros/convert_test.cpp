@@ -172,7 +172,7 @@ TEST_F(ConvertModel, Topology)
     EXPECT_EQ(message.rest_parent, (std::vector<uint32_t>{0, 1, 2, 3}));
 }
 
-// a loaded block of 4 x 2 x 2 cubes of voxels, fixed at its floor, and its body after a cut between them
+// A loaded block of 4 x 2 x 2 cubes of voxels, fixed at its floor, and its body after a cut between them.
 struct ConvertBodies : ::testing::Test {
     void SetUp() override
     {
@@ -209,7 +209,7 @@ struct ConvertBodies : ::testing::Test {
         std::shared_ptr<const pliant_body> once = part(*loaded->model->body, 0.0152, 2);
         cut = part(*once, 0.0098, 3);
     }
-    /* cut through by a plane of that x */
+    /* Cut through by a plane of constant x. */
     static std::shared_ptr<const pliant_body> part(const pliant_body &body, double x, uint64_t revision)
     {
         const double from[] = {x, -1, -1, x, 1, -1}, to[] = {x, -1, 1, x, 1, 1};
@@ -256,7 +256,7 @@ TEST_F(ConvertBodies, OfTwoRevisionsHaveTwoTopologies)
     EXPECT_EQ(state.nodes.size(), after.rest_nodes.size());
 }
 
-// who replays a recording finds the bodies of its topologies again
+// A replay finds the bodies that belong to recorded topologies.
 TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
 {
     std::string why;
@@ -280,10 +280,10 @@ TEST_F(ConvertBodies, AreFoundAgainFromTheirTopologies)
     wrong = topology(*cut);
     wrong.cut_end[0] = 0;
     EXPECT_FALSE(body_of(*loaded, wrong, &bodies, &why));
-    /* from another one with the first cuts, and from one that has others */
+    /* starting from a body with the first cuts, and from one with other cuts */
     EXPECT_TRUE(body_of(*loaded, topology(*cut), &bodies, &why));
     EXPECT_EQ(body_of(*loaded, topology(*loaded->model->body), &bodies, &why).get(), loaded->model->body);
-    /* found again after an undo it is another one: what is drawn of one is not taken for what the other goes on from */
+    /* found again after an undo, it is a different body, so that a warp of one is not used for the other */
     const std::shared_ptr<const pliant_body> again = body_of(*loaded, topology(*cut), &bodies, &why);
     ASSERT_TRUE(again) << why;
     EXPECT_NE(again->revision, second->revision);
@@ -331,7 +331,7 @@ TEST_F(ConvertBodies, AMomentIsReadAsItWasSaved)
     EXPECT_EQ(again.state, moment.state);
 }
 
-// the same of tetrahedra that cuts subdivide: nodes on edges, to the bit
+// Same for subdivided tetrahedra: nodes on edges are bitwise identical.
 TEST_F(ConvertBodies, AreFoundAgainWhereCutsSubdivide)
 {
     pliant_scene scene = loaded->asked;
@@ -431,7 +431,7 @@ TEST(Convert, DisplacementsOfTissueAreACloud)
 
 TEST(Convert, WrenchIsTurnedIntoTheFrameOfThePose)
 {
-    /* the frame is a quarter turn about z from the tissue: tissue x is its y */
+    /* the frame is rotated by a quarter turn about z: the tissue's x is its y */
     const double frame_from_tissue[4] = {0, 0, M_SQRT1_2, M_SQRT1_2}, force[3] = {2, 0, 1}, torque[3] = {0, 3, 0};
     geometry_msgs::WrenchStamped message;
     wrench_message(force, torque, frame_from_tissue, &message);
@@ -548,7 +548,7 @@ TEST(Convert, ContactTellsWhereTheToolHolds)
     tool.present = tool.holding = true;
     for (int d = 0; d < 3; ++d) {
         tool.tip[d] = 1 + d;
-        tool.held_point[d] = 0.1 * (1 + d); /* behind the tip, where the spring between them is stretched */
+        tool.held_point[d] = 0.1 * (1 + d); /* behind the tip, so that the spring between them is stretched */
     }
     contact_message(tool, 0, {}, &message);
     EXPECT_TRUE(message.touching) << "the surface is reached at 0";
@@ -603,7 +603,7 @@ TEST(Convert, APickIsTurnedIntoTheFrameThatAsks)
     for (size_t v = 0; v < 4; ++v) EXPECT_EQ(response.barycentric[v], picked.barycentric[v]);
 }
 
-// moved to the origin of the frame: r x f with it, and nothing of the power of a motion is lost
+// Moved to the origin of the frame: the torque changes by r x f, and the power of a motion is preserved.
 TEST(Convert, TorqueIsAboutAnotherPoint)
 {
     const double origin[3] = {0.1, 0.2, 0.3}, tip[3] = {0.1, 0.7, 0.3}, force[3] = {0, 0, 2}, torque[3] = {0.5, 0, 0};
@@ -625,7 +625,7 @@ TEST(Convert, WrenchOfAToolIsThatOfGraspAndContact)
     EXPECT_EQ(force[0], 2);
     EXPECT_EQ(torque[2], 3);
     for (bool pliant_tool_state::*acts : {&pliant_tool_state::holding, &pliant_tool_state::cutting}) {
-        tool.*acts = true; // what it holds draws at it, and what it cuts resists it
+        tool.*acts = true; // grasped tissue pulls the tool, and cut tissue resists it
         tool_wrench(tool, force, torque);
         EXPECT_EQ(force[0], 3);
         EXPECT_EQ(torque[2], 3);
@@ -658,7 +658,7 @@ TEST(Convert, ForceArrowStartsAtTheTip)
     EXPECT_EQ(markers.markers[1].action, visualization_msgs::Marker::DELETE);
 }
 
-// a capsule along y that opens with the jaws by half their angle, and a ball at the tip
+// A capsule along y that opens by half the jaw angle, and a ball at the tip.
 TEST(Convert, AShapeIsDrawnAtItsProxyAndAsAGhostWhereItIsMeasured)
 {
     pliant_tool_shape shape{};
@@ -681,12 +681,12 @@ TEST(Convert, AShapeIsDrawnAtItsProxyAndAsAGhostWhereItIsMeasured)
     tool.tip[2] = 0.1;
     tool.proxy_tip[2] = 0.3;
     tool.rotation[3] = tool.proxy_rotation[3] = 1;
-    tool.jaw = std::acos(-1); // half of it turns the capsule to -x
+    tool.jaw = std::acos(-1); // half of it rotates the capsule to -x
     std_msgs::Header header;
     header.frame_id = "tissue";
     visualization_msgs::MarkerArray markers;
     shape_markers_message(tool, shape, header, &markers);
-    ASSERT_EQ(markers.markers.size(), 8u); // a capsule is two of them
+    ASSERT_EQ(markers.markers.size(), 8u); // a capsule has two end markers
     std::set<std::pair<std::string, int>> names;
     for (const visualization_msgs::Marker &marker : markers.markers) {
         names.insert({marker.ns, marker.id});
@@ -696,7 +696,7 @@ TEST(Convert, AShapeIsDrawnAtItsProxyAndAsAGhostWhereItIsMeasured)
     }
     EXPECT_EQ(names.size(), 8u);
     const visualization_msgs::Marker &closed = markers.markers[0], &ball = markers.markers[2], &box = markers.markers[3], &open = markers.markers[4];
-    EXPECT_EQ(closed.ns, "forceps/proxy"); // whose jaws are closed
+    EXPECT_EQ(closed.ns, "forceps/proxy"); // with closed jaws
     EXPECT_EQ(closed.type, visualization_msgs::Marker::CYLINDER);
     EXPECT_NEAR(closed.pose.position.x, 0.01, 1e-12);
     EXPECT_NEAR(closed.pose.position.y, 0.015, 1e-12);
@@ -705,14 +705,15 @@ TEST(Convert, AShapeIsDrawnAtItsProxyAndAsAGhostWhereItIsMeasured)
     EXPECT_NEAR(closed.scale.z, 0.03, 1e-12);
     Eigen::Isometry3d pose;
     tf2::fromMsg(closed.pose, pose);
-    EXPECT_TRUE(Eigen::Vector3d(pose.linear().col(2)).isApprox(Eigen::Vector3d::UnitY(), 1e-12)); // a cylinder's own axis is z
+    // a cylinder's own axis is z
+    EXPECT_TRUE(Eigen::Vector3d(pose.linear().col(2)).isApprox(Eigen::Vector3d::UnitY(), 1e-12));
     EXPECT_NEAR(ball.scale.x, 0.01, 1e-12);
     EXPECT_NEAR(box.scale.y, 0.022, 1e-12);
     EXPECT_NEAR(box.pose.position.y, 0.01, 1e-12);
     EXPECT_NEAR(open.pose.position.x, 0.01 - 0.015, 1e-12);
     EXPECT_NEAR(open.pose.position.y, 0, 1e-12);
     EXPECT_NEAR(open.pose.position.z, 0.1, 1e-12);
-    // the ball at the tip of a tool without a shape is in their way; a tool without a proxy has none of them
+    // a tool without a shape has the tip sphere instead; a tool without a proxy has no such markers
     tool_markers_message(tool, 1, header, &markers);
     EXPECT_EQ(markers.markers[0].action, visualization_msgs::Marker::DELETE);
     tool.has_proxy = false;

@@ -36,7 +36,7 @@ TEST(Convert, ChangedBricksBecomeBoxes)
     for (int d = 0; d < 3; ++d) EXPECT_EQ(boxes[0].size[d], static_cast<uint32_t>(size[d]));
 }
 
-/* whatever the pattern */
+/* for any pattern */
 TEST(Convert, EveryChangedBrickIsInABox)
 {
     const int32_t count[3] = {5, 5, 5}, size[3] = {80, 80, 80};
@@ -60,7 +60,7 @@ TEST(Convert, EveryChangedBrickIsInABox)
     }
 }
 
-/* 40 x 24 x 33 voxels, of which bricks are changed; what a viewer assembles of the bricks that are sent */
+/* 40 x 24 x 33 voxels with changing bricks, and the volume that a viewer assembles from the sent bricks. */
 class Sent : public ::testing::TestWithParam<pliant_encoding> {
 protected:
     void SetUp() override
@@ -125,7 +125,7 @@ protected:
 
 TEST_P(Sent, StaysBelowTheThresholdInMotionAndIsExactAtRest)
 {
-    const double threshold = 3; // of values: 6 stored
+    const double threshold = 3; // in values, which is 6 stored units
     const std::vector<uint8_t> all(18, 1), none(18, 0);
     sent_.start(threshold, whole_);
     sent_.keep(volume_, whole_);
@@ -182,12 +182,13 @@ TEST(Noise, OfAScanIsItsStandardDeviation)
     EXPECT_EQ(noise_of(scan), 0);
     uint32_t random = 1;
     for (size_t v = 0; v < voxels.size(); ++v) {
-        double normal = -6; // of 12 uniform numbers
+        double normal = -6; // sum of 12 uniform numbers
         for (int n = 0; n < 12; ++n) normal += static_cast<double>((random = random * 1664525 + 1013904223) >> 8) / 16777216.0;
         const bool air = v % 64 < 20, bone = v % 64 > 50;
         voxels[v] = air ? 0 : static_cast<int16_t>(std::lround((bone ? 1500 : 500) + 10 * normal));
     }
-    // 4 of 31 places with noise lie at an edge: the median is the quantile of 0.574 of the others, at 0.796 standard deviations, not 0.674
+    // 4 of 31 noisy positions lie at an edge: the median is the quantile of 0.574 of the others, at 0.796 standard
+    // deviations instead of 0.674
     EXPECT_NEAR(noise_of(scan), 20 * 0.796 / 0.674, 1);
 }
 
@@ -291,7 +292,7 @@ TEST(Convert, TheNearestBoxesAreMerged)
     EXPECT_EQ(common_box(two[0], boxes[2]).offset[0], 5u);
 }
 
-// what an update is sent as holds every voxel of every brick that has changed, whatever is merged
+// The boxes of an update contain every voxel of every changed brick, for any merging.
 TEST(Convert, MergedBoxesHoldAllThatChanged)
 {
     unsigned seed = 3;
@@ -326,7 +327,7 @@ TEST_F(ConvertVolume, APlacedSliceLiesWhereItsVoxelsDo)
     pliant_geometry grid;
     std::string why;
     ASSERT_TRUE(geometry_from_message(size, placed.origin, placed.flipped, placed.spacing, &grid, &why)) << why;
-    const double pixel_at[3] = {3, 17, 0}; /* the last: patient's left, inferior */
+    const double pixel_at[3] = {3, 17, 0}; /* the last pixel: patient's left, inferior */
     double world[3], index[3];
     pliant_geometry_to_world(&grid, pixel_at, world);
     pliant_geometry_to_index(&volume.geometry, world, index);
@@ -343,7 +344,7 @@ TEST_F(ConvertVolume, SlicesHaveSquarePixelsAndRadiologicalAxes)
     EXPECT_EQ(axial.encoding, "32FC1");
     EXPECT_EQ(axial.width, 4u);
     EXPECT_EQ(axial.height, 10u);
-    /* row 0.5 mm into the first voxel, whose centre lies at 1 mm: clamped to it; one row later on its far side */
+    /* row 0.5 mm inside the first voxel, whose centre is at 1 mm: clamped to it; one row later beyond its centre */
     EXPECT_FLOAT_EQ(pixel(axial, 0, 0), 2.0f * stored[0] - 1000);
     EXPECT_FLOAT_EQ(pixel(axial, 3, 0), 2.0f * stored[3] - 1000);
     EXPECT_NEAR(pixel(axial, 0, 1), 2.0f * (stored[0] + 0.25f * (stored[4] - stored[0])) - 1000, 0.01);
@@ -358,7 +359,7 @@ TEST_F(ConvertVolume, SlicesHaveSquarePixelsAndRadiologicalAxes)
     EXPECT_GT(pixel(sagittal, 9, 5), pixel(sagittal, 0, 5)) << "right is posterior: larger y";
 }
 
-/* the same values in a grid whose axes are stored the other way around look the same */
+/* The same values stored with reversed axes give the same slice. */
 TEST_F(ConvertVolume, SlicesDoNotDependOnTheOrderOfStorage)
 {
     sensor_msgs::Image before, after;

@@ -24,8 +24,8 @@ from visualization_msgs.msg import Marker
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Launch, Tool, call, is_sent, nifti_voxels, wait_for  # noqa: E402
 
-SECONDS = 60.0  # that anything may take on a busy machine
-ORIGIN = numpy.array([0.5, 0.25, 1.0])  # tissue in world, as in cut.test
+SECONDS = 60.0  # time limit on a busy machine
+ORIGIN = numpy.array([0.5, 0.25, 1.0])  # pose of the tissue in world, as in cut.test
 
 
 def to_world(point):
@@ -104,7 +104,7 @@ class CutTest(unittest.TestCase):
         end = self.low[0] + until * (self.high[0] - self.low[0]) + margin
         while self.tool.position[0] < end:
             self.tool.position = [self.tool.position[0] + 0.006, 0, self.height]
-            self.state.fresh()  # no step that is late sees a jump
+            self.state.fresh()  # so that a delayed step sees no jump
         self.tool.position = [end, 0, self.height]
 
     @contextlib.contextmanager
@@ -159,7 +159,7 @@ class CutTest(unittest.TestCase):
         width, depth = self.high[0] - self.low[0], self.high[1] - self.low[1]
         self.assertGreater(cut.severed_area, 0.4 * width * depth)
         self.assertLess(cut.severed_area, 1.1 * width * depth)
-        # every state came after the topology that it is of
+        # every state was received after its topology
         known = {message.revision: message for message in self.topologies}
         for message in self.states[begin:]:
             self.assertIn(message.revision, known)
@@ -255,7 +255,7 @@ class CutTest(unittest.TestCase):
             load("jaw")
             self.parts_while(lambda: setattr(self.tool, "closed", True), lambda: setattr(self.tool, "closed", False), "the jaw")
             load("always")
-            self.appear([self.low[0] - 0.01, 0, self.height])  # with neither pedal nor jaw nor word
+            self.appear([self.low[0] - 0.01, 0, self.height])  # without pedal, jaw and command
             self.assertTrue(self.state.fresh().tools[0].cuts)
             whole = self.revision()
             self.sweep(0.1)
@@ -308,7 +308,7 @@ class CutTest(unittest.TestCase):
         follows(self.wait_for_revision(self.first.revision))
         wait_for(lambda: numpy.abs(pixels() - slice_of_whole).max() < 100, "the slice to be as before")
 
-    # ---- a session, recorded
+    # ---- a recorded session
 
     def run_bag(self, kind, *arguments):
         scene = ["--scan", "phantom:72x48x60"]
@@ -350,7 +350,8 @@ class CutTest(unittest.TestCase):
             time.sleep(0.5)
         finally:
             recorder.stop()
-        # the volume of a state from its topology alone, and from the session made again: at a time that no step follows at once
+        # the volume of a state from its topology alone, and from the recomputed session, at a time that no step follows
+        # immediately
         with rosbag.Bag(self.folder + "/session.bag") as bag:
             start = bag.get_start_time()
             steps = [(when.to_sec() - start, message.header.stamp) for _, message, when in bag.read_messages(NAMESPACE + "step")]

@@ -57,7 +57,7 @@ class Export(unittest.TestCase):
             def write(topic, t, message):
                 bag.write(topic, message, rospy.Time.from_sec(START + t))
             write("/tissue/state", 0, Wrench())
-            for n in range(200):  # after a reset at 1.5 s the other tool is away
+            for n in range(200):  # after a reset at 1.5 s the other tool is absent
                 t, first = step_time(n), n < 130
                 tools = [tool("grasper", t), tool("/PSM1", t, first)]
                 write("/tissue/step", t, Step(step=n if first else n - 130, sequence=(n if first else n - 130) + 1, tools=tools))
@@ -88,7 +88,7 @@ class Export(unittest.TestCase):
             columns = json.load(file)
         self.assertEqual(columns["state"], [name + "/" + each for name in ("grasper", "/PSM1") for each in MOTION + SENSE])
         self.assertEqual(columns["action"], [name + "/" + each for name in ("grasper", "/PSM1") for each in MOTION])
-        # from the first picture to the last step before the reset, and from that to the end
+        # from the first picture to the last step before the reset, and from there to the end
         times = np.concatenate([0.315 + 0.1 * np.arange(12), 1.5 + 0.1 * np.arange(7)])
         np.testing.assert_allclose(array["times"], times, atol=1e-6)
         np.testing.assert_array_equal(array["episodes"], [0] * 12 + [1] * 7)
@@ -100,15 +100,16 @@ class Export(unittest.TestCase):
             grasper = motion + [1, 1, n // 3 * 3 > 60, t, 0, 5, 0, -t, 1]
             other = motion + [1, 0, 0, 0, n // 3 * 3, 0, 0, 0, 0] if first else [0] * 19
             np.testing.assert_allclose(array["state"][row], grasper + other, atol=1e-12)
-        for row in range(19):  # the next row's motion; an episode's last has its own
+        for row in range(19):  # the next row's motion; the last row of an episode repeats its own
             then = array["state"][row if row in (11, 18) else row + 1].reshape(2, -1)[:, :10]
             np.testing.assert_array_equal(array["action"][row], then.ravel())
-        for name in ("eye_left", "eye_left_label"):  # each once
+        for name in ("eye_left", "eye_left_label"):  # each picture once
             self.assertEqual(len(array["image_" + name]), array["index_" + name].max() + 1)
             self.assertEqual(len(np.unique(array["image_" + name], axis=0)), len(array["image_" + name]))
         for row, t in enumerate(times):
             seen = np.arange(72).reshape(4, 6, 3) + 10 * (np.searchsorted([picture_time(n) for n in range(20)], t + 1e-6) - 1)
-            np.testing.assert_array_equal(array["image_eye_left"][array["index_eye_left"][row]], seen[:, :, ::-1])  # red first
+            # red first
+            np.testing.assert_array_equal(array["image_eye_left"][array["index_eye_left"][row]], seen[:, :, ::-1])
             np.testing.assert_array_equal(array["image_eye_left_label"][array["index_eye_left_label"][row]], seen.reshape(-1)[:24].reshape(4, 6))
         return array
 
@@ -124,7 +125,7 @@ class Export(unittest.TestCase):
         self.assertEqual(code, 0, errors)
         times, pictures, index = (np.load(folder + "/%s.npy" % name) for name in ("times", "image_eye_left", "index_eye_left"))
         self.assertGreater(len(times), 300)
-        self.assertEqual([len(pictures), len(index)], [19, len(times)])  # the last of 20 comes after the last step
+        self.assertEqual([len(pictures), len(index)], [19, len(times)])  # the last of 20 is after the last step
         newest = np.searchsorted([picture_time(n) for n in range(20)], times + 1e-6) - 1
         np.testing.assert_array_equal(pictures[index][:, 0, 0, 2], 10 * newest)
 

@@ -54,7 +54,7 @@ class FaultTest(unittest.TestCase):
         found = self.diagnosed()
         return found[name][0].message if name in found else ""
 
-    # by the alphabet the first one: nothing has been loaded yet
+    # first in alphabetical order, so that nothing is loaded yet
     def test_a_missing_scan_is_a_fault_that_load_scan_mends(self):
         node = self.node
         wait_for(lambda: node.state.message and node.state.message.state == SimState.FAULT, "FAULT")
@@ -73,7 +73,7 @@ class FaultTest(unittest.TestCase):
         tool = Tool("grasper", "tissue")
         self.addCleanup(tool.reset)
         tool.position, tool.is_on = list(self.node.front()), True
-        half = 1 << 31  # seconds; a ros::Duration holds less
+        half = 1 << 31  # seconds; beyond the range of ros::Duration
         for stamp in (lambda: rospy.Time((rospy.Time.now().secs + half) % (2 * half), 999999999),
                       lambda: rospy.Time((rospy.Time.now().secs + half + 9) % (2 * half), 999999999),
                       lambda: rospy.Time(2 * half - 1, 999999999), lambda: rospy.Time(0, 1)):
@@ -104,7 +104,7 @@ class FaultTest(unittest.TestCase):
 
     def test_poses_wait_for_a_frame_that_comes_late_and_not_for_one_that_is_stale(self):
         self.load_small()
-        camera = self.say_where("camera", 0.1)  # never as new as the newest pose
+        camera = self.say_where("camera", 0.1)  # always older than the last pose
         tool = Tool("grasper", "camera")
         self.addCleanup(tool.reset)
         tool.appear(self.node.front())
@@ -115,7 +115,7 @@ class FaultTest(unittest.TestCase):
         watch.unregister()
         self.assertTrue(all(seen), "it comes and goes")
         tool.take_hold(self.node.contact)
-        camera.shutdown()  # and the poses go on
+        camera.shutdown()  # while the poses continue
         wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
         self.assertFalse(self.node.contact.fresh().grasped)
         wait_for(lambda: "has no transform" in self.diagnosis("tool grasper"), "the frame of which nothing more is heard")
@@ -130,7 +130,7 @@ class FaultTest(unittest.TestCase):
         watch = rospy.Subscriber("/rosout", Log, lambda message: logged.append(message.msg))
         wait_for(watch.get_num_connections, "the log")
         tool.is_on = False
-        time.sleep(1)  # twice as long as a pose is fresh
+        time.sleep(1)  # twice the maximum age of a pose
         self.assertTrue(self.node.contact.fresh().grasped)
         self.assertFalse([line for line in logged if "lets go" in line])
         wait_for(lambda: not self.node.contact.fresh().grasped, "the tool to let go")
@@ -162,7 +162,8 @@ class FaultTest(unittest.TestCase):
         tool.take_hold(self.node.contact)
 
     def test_a_step_that_takes_long_is_an_error_while_it_runs(self):
-        options = ["mesh/coarse_cells=5 5 5", "solver/kind=tled", "tled/safety=0.01", "solver/step=0.04"]  # ten thousand sub-steps
+        # ten thousand sub-steps
+        options = ["mesh/coarse_cells=5 5 5", "solver/kind=tled", "tled/safety=0.01", "solver/step=0.04"]
         self.addCleanup(self.load_small)
         self.assertTrue(call("load_scan", LoadScan, SMALL, "", options).success)
         errors = []
@@ -297,7 +298,7 @@ class FaultTest(unittest.TestCase):
             return process
 
         def start_master():
-            # in a container that is started anew it often has the same number
+            # in a container, a restarted master often has the same process ID
             program = "import os; os.getpid = lambda: 7; from rosmaster.main import rosmaster_main; rosmaster_main()"
             process = start(sys.executable, "-c", program, "--core", "-p", str(port))
             wait_for(lambda: answers(master.is_online), "a master")
@@ -320,7 +321,7 @@ class FaultTest(unittest.TestCase):
         setting = "config: {doubles: [{name: slice_axial, value: 0.25}]}"
         subprocess.check_call(["rosservice", "call", "/tissue/sim/set_parameters", setting], env=environment, stdout=subprocess.DEVNULL, timeout=60)
         wait_for(lambda: answers(lambda: master.getParam("/tissue/sim/slice/axial")) == 0.25, "what was set live")
-        time.sleep(1.2)  # it looks once a second
+        time.sleep(1.2)  # the watch checks once per second
         before = known()
         first.send_signal(signal.SIGINT)
         first.wait()

@@ -1,4 +1,4 @@
-// Directions and grids that the conversions' tests share.
+// Directions and grids for the tests of conversions.
 #ifndef PLIANT_TEST_ROS_GRIDS_H
 #define PLIANT_TEST_ROS_GRIDS_H
 
@@ -10,7 +10,7 @@
 
 const double nan_value = std::numeric_limits<double>::quiet_NaN();
 
-/* a rotation by Rodrigues' formula, not by quaternions */
+/* a rotation by Rodrigues' formula instead of quaternions */
 inline void rodrigues(const double axis[3], double angle, double m[9])
 {
     double c = std::cos(angle), s = std::sin(angle);

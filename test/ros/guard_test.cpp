@@ -1,4 +1,4 @@
-// The gate between the simulation's forces and a hand: every edge of its table, and what it never lets through.
+// The guard between the simulation's forces and a hand: every transition of its table, and input that must never pass.
 #include "ros/guard/guard_parameters.h"
 
 #include <gtest/gtest.h>
@@ -59,7 +59,7 @@ double size_of(const Guard::Output &out) { return std::sqrt(out.force[0] * out.f
 TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
 {
     Bench bench;
-    Guard::Output out = bench.guard.update(bench.now); // nothing has come
+    Guard::Output out = bench.guard.update(bench.now); // without any input
     EXPECT_EQ(bench.guard.state(), GuardState::ENDING);
     EXPECT_TRUE(out.send);
     EXPECT_EQ(size_of(out), 0);
@@ -78,12 +78,12 @@ TEST(Guard, RisesFromZeroAndThenHandsOnAPartOfTheForceAgainstTheHand)
     EXPECT_EQ(bench.guard.state(), GuardState::OPEN);
 }
 
-// one before it may have been killed: the hand feels its last force still
+// An earlier guard may have been killed, and the hand may still apply its last force.
 TEST(Guard, BeginsWithZerosWhateverElseIsThere)
 {
     Bench bench;
     bench.guard.following(false);
-    bench.now += 50; // since it was made: nobody listened
+    bench.now += 50; // after its creation there was no subscriber
     for (double end = bench.now + bench.settings.tail - 2 * tick; bench.now < end;) {
         const Guard::Output out = bench.turn();
         ASSERT_TRUE(out.send);
@@ -99,7 +99,7 @@ enum Event { GATES_OPEN, A_GATE_CLOSES, RAMP_PASSES, TAIL_PASSES, A_FAULT, A_SHU
 struct Edge {
     GuardState from;
     Event event;
-    GuardState to; // the same where nothing leaves
+    GuardState to; // the same state if there is no transition
 };
 
 class EveryEdge : public testing::TestWithParam<Edge> {};
@@ -114,7 +114,7 @@ void bring(Bench &bench, GuardState state)
     ASSERT_EQ(bench.guard.state(), state);
 }
 
-// the table of guard.h, line by line, and what no line of it tells: then the state stays
+// Every line of the table in guard.h; combinations without a line leave the state unchanged.
 TEST_P(EveryEdge, IsAsTheTableSays)
 {
     Bench bench;
@@ -301,7 +301,7 @@ TEST(Guard, ShutDownIsAZeroAndThenNothingForGood)
     EXPECT_EQ(bench.guard.state(), GuardState::CLOSED);
 }
 
-// one that ended would be started again without end, and the hand would keep what it feels
+// The guard does not exit, because it would be restarted endlessly while the hand keeps its last force.
 TEST(Guard, WithAWrongParameterSendsZerosAndNeverAForce)
 {
     Bench bench;
@@ -334,7 +334,7 @@ TEST(GuardParameters, AreReadAndTheOthersHaveDefaults)
     GuardParameters read;
     std::string why;
     XmlRpc::XmlRpcValue tree = parameters("gain", 0.1);
-    tree["max_force"] = 1; // as YAML has it
+    tree["max_force"] = 1; // integers as from YAML
     tree["max_error"] = -1;
     tree["diagnostic_period"] = 0.5;
     ASSERT_TRUE(read_guard_parameters(tree, &read, &why)) << why;
@@ -381,7 +381,7 @@ TEST(Guard, AClockThatStandsOrJumpsMovesNothing)
     for (int d = 0; d < 3; ++d) EXPECT_EQ(before.force[d], same.force[d]);
     bench.push[0] = 4;
     bench.now += 100;
-    EXPECT_EQ(size_of(bench.guard.update(bench.now)), 0); // all that it has is old by then
+    EXPECT_EQ(size_of(bench.guard.update(bench.now)), 0); // all inputs are too old by then
 }
 
 } // namespace

@@ -88,7 +88,8 @@ class Guarded(unittest.TestCase):
         self.wait(lambda: self.feels(0), "zeros")
         self.wait(lambda: time.time() - self.received[-1][0] > 0.5, "silence")
         self.wait(lambda: any("follow" in text for text in self.said.values()), "the reason in diagnostics")
-        self.assertEqual(self.first_message().wrench.force.z, 0)  # whoever listens from now on may feel the force of a guard before this one
+        # a new subscriber may still apply the force of an earlier guard
+        self.assertEqual(self.first_message().wrench.force.z, 0)
         self.following.publish(Bool(True))
         self.wait(lambda: self.feels(1), "the force again")
 
@@ -130,7 +131,7 @@ class Guarded(unittest.TestCase):
         begin = len(self.received)
         ends()
 
-        def change():  # of the publisher: it counts its messages
+        def change():  # a change of the publisher restarts the message counter
             return [i for i in range(max(begin, 1), len(self.received)) if self.received[i][1].header.seq < self.received[i - 1][1].header.seq]
         self.wait(change, "the next guard")
         return self.received[:change()[0]], self.received[change()[0]:]
@@ -144,10 +145,10 @@ class Guarded(unittest.TestCase):
 
         def kill():
             os.kill(process, signal.SIGKILL)
-            self.following.publish(Bool(False))  # so that the next one has no reason to send but this
+            self.following.publish(Bool(False))  # so that the next guard has no other reason to send
         before, after = self.next_guard(kill)
         print("%.2f s without a word" % (after[0][0] - before[-1][0]))
-        self.assertAlmostEqual(before[-1][1].wrench.force.z, 1, delta=0.02)  # which the hand has felt until now
+        self.assertAlmostEqual(before[-1][1].wrench.force.z, 1, delta=0.02)  # the force on the hand until now
         first = self.received.index(after[0])
         self.wait(lambda: time.time() - self.received[-1][0] > 0.5, "silence")
         self.assertEqual(set(message.wrench.force.z for _, message in self.received[first:]), {0})

@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Node, Tool, call, wait_for  # noqa: E402
 
-MOST = 40e6  # bytes that queues and connections of a test may take
+MOST = 40e6  # maximum memory of queues and connections in a test [bytes]
 
 
 class HostileTest(unittest.TestCase):

@@ -26,7 +26,7 @@ MORE = {"tissue.launch": [["rviz:=true"], ["rviz:=true", "drag:=true"], ["arm:=P
         "replay.launch": [["bag:=/data/a.bag", "sim_time:=false", "loop:=true", "rviz:=true"]]}
 
 
-# what an argument is set to, where text will not do (a switch is turned over); and what it only matters with
+# values of arguments for which a text is unsuitable (a switch is inverted), and arguments that they require
 VALUES = {"pose": "1 2 3 0 0 0 1", "tool_max_age": "0.125", "arms": "one two three", "arm": "PSM2", "respawn": "true", "described": "false"}
 VALUES.update({name: "7" for name in ("max_force", "gain", "slip", "step", "mesh_rate", "volume_rate", "slice_rate", "rate", "start", "min_space", "robot_rate")})
 WITH = {"drag": ["rviz:=true"], "rviz_config": ["rviz:=true"], "manager": ["nodelet:=true"], "start_manager": ["nodelet:=true"]}
@@ -63,7 +63,7 @@ def shown_lines():
                     arguments = []
                     for word in words[1:]:
                         if ":=" not in word:
-                            break  # a remark
+                            break  # a comment
                         arguments.append(word)
                     yield "%s:%d" % (os.path.basename(path), number), words[0], arguments
 
@@ -118,7 +118,8 @@ class LaunchTest(unittest.TestCase):
             self.assertIn(topic, topics)
         for topic in topics.strip("[]").split(", "):
             self.assertRegex(topic, "^/(tf|tf_static|diagnostics|liver/.+)$")
-            self.assertNotIn(topic, ("/liver/volume", "/liver/*", "/liver/mesh/*"))  # our own types stay off
+            # Pliant's own message types are excluded
+            self.assertNotIn(topic, ("/liver/volume", "/liver/*", "/liver/mesh/*"))
         self.assertNotIn("rosbridge_websocket", [node.name for node in load(SOURCE + "/launch/tissue.launch", []).nodes])
 
     def test_a_fourth_arm_is_refused(self):

@@ -20,7 +20,7 @@ from pliant.srv import LoadScan, RecomputeHomogenization, SetMaterials
 from sensor_msgs.msg import JointState
 
 NAMESPACE = "/tissue/"
-TIMEOUT = 30.0  # seconds that anything may take on a busy machine
+TIMEOUT = 30.0  # time limit on a busy machine [s]
 
 
 def wait_for(condition, what, timeout=TIMEOUT, pause=0.02):
@@ -71,7 +71,8 @@ class Launch:
     def __init__(self, name, **arguments):
         command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
         self.output = tempfile.TemporaryFile("w+", errors="replace")
-        unbuffered = dict(os.environ, PYTHONUNBUFFERED="1")  # what roslaunch prints to a file would come as it ends
+        # otherwise roslaunch's output to a file would appear only at its end
+        unbuffered = dict(os.environ, PYTHONUNBUFFERED="1")
         self.process = subprocess.Popen(command, start_new_session=True, stdout=self.output, stderr=subprocess.STDOUT, env=unbuffered)
 
     def said(self):
@@ -120,8 +121,8 @@ class Tool:
     def __init__(self, name, frame):
         self.position, self.frame, self.closed = [0.0, 0.0, 0.0], frame, False
         self.is_on, self.with_jaw = False, True
-        self.stamp = rospy.Time.now  # tests put wrong clocks in its place
-        self.pose_age = 0  # seconds that poses are older than jaws
+        self.stamp = rospy.Time.now  # tests replace it to simulate wrong clocks
+        self.pose_age = 0  # age of poses relative to jaws [s]
         self.pose = rospy.Publisher(NAMESPACE + name + "/measured_cp", PoseStamped, queue_size=1)
         self.jaw = rospy.Publisher(NAMESPACE + name + "/jaw/measured_js", JointState, queue_size=1)
         self.thread = threading.Thread(target=self.run, daemon=True)

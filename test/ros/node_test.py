@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, TIMEOUT, Latest, Node, Tool, WholeVolume, call, nifti_voxels, resident_bytes, wait_for  # noqa: E402
 
-ORIGIN = numpy.array([0.5, 0.25, 1.0])  # tissue in world, as in node.test
+ORIGIN = numpy.array([0.5, 0.25, 1.0])  # pose of the tissue in world, as in node.test
 
 
 def to_world(point):
@@ -113,7 +113,7 @@ class NodeTest(unittest.TestCase):
         self.addCleanup(volume.close)
         return volume
 
-    # ---- what is told about the scan
+    # ---- information about the scan
 
     def test_topology_fits_the_scan_info(self):
         info, mesh = self.node.info.message, self.node.topology.message
@@ -221,7 +221,7 @@ class NodeTest(unittest.TestCase):
         probe.is_on = False
         contact.close()
 
-    # ---- what is sent, and when
+    # ---- published data and their rates
 
     def test_no_volume_without_a_subscriber(self):
         volume = self.whole_volume()
@@ -232,7 +232,8 @@ class NodeTest(unittest.TestCase):
         time.sleep(1)
         again = Latest("volume", Volume)
         first = wait_for(lambda: again.message, "the whole volume again")
-        # one more may have been under way to the subscriber that left; 30 a second would have been made since
+        # one more may have been pending for the subscriber that left; in this time 30 per second would have been
+        # computed
         self.assertLessEqual(first.sequence, last + 2, "volumes were made that nobody subscribed to")
         self.assertEqual(first.size, first.full_size)
         again.close()
@@ -253,7 +254,7 @@ class NodeTest(unittest.TestCase):
             boxes.when(lambda put_together: numpy.array_equal(put_together, whole), "the boxes that make up the whole")
             if boxes.since_whole > 2:
                 break
-            call("pause", SetBool, False)  # on a busy machine one was lost, and the whole sent again
+            call("pause", SetBool, False)  # on a busy machine a box was lost, and the whole volume was sent again
         self.assertGreater(boxes.since_whole, 2, "put together, not sent as a whole")
         boxes.close()
         fresh = self.whole_volume()
@@ -311,18 +312,18 @@ for line in sys.stdin:
         self.addCleanup(slow.stdin.close)
         self.addCleanup(slow.wait)
         self.addCleanup(slow.kill)
-        patience = threading.Timer(90, slow.kill)  # what is read of it has no other
+        patience = threading.Timer(90, slow.kill)  # reading its output has no timeout
         patience.start()
         self.addCleanup(patience.cancel)
         self.assertTrue(slow.stdout.readline().startswith("took"))
         began = fast.bytes
         pull_to_and_fro(10)
         self.assertFalse(fast.is_lost)
-        # each of two links writes one message, and both share the newest one
+        # each of two links writes one message, and both share the most recent one
         header = 1000
         self.assertLessEqual(most[0], 3 * (size + header))
         self.assertGreater(most[0], 0, "the slow reader holds one")
-        # on a busy machine the solver's memory is told of up to a second late
+        # on a busy machine the solver's memory is reported up to a second late
         wait_for(lambda: memory_of_node() - before < 8 * size, "the node to hold no more than a few volumes")
         self.assertTrue(call("pause", SetBool, True).success)
         self.assertTrue(call("save_volume", SaveVolume, "slow.nii.gz").success)
@@ -412,7 +413,7 @@ for line in sys.stdin:
         request = Pick._request_class()
         request.header.frame_id = "world"
         request.origin.x, request.origin.y, request.origin.z = to_world(front - [0, 0.3, 0])
-        request.direction.x = -1.0  # tissue y
+        request.direction.x = -1.0  # along the tissue's y
         request.threshold = -300
         answer = call("pick", Pick, *[getattr(request, name) for name in request.__slots__])
         self.assertTrue(answer.success, answer.message)
@@ -483,7 +484,7 @@ for line in sys.stdin:
         again = call("cancel", Trigger)
         self.assertFalse(again.success)
         self.assertIn("nothing runs", again.message)
-        # the next one waits until the cancelled one has ended
+        # the next load waits until the cancelled one has ended
         self.assertTrue(self.node.load("phantom:48x40x40", options=["mesh/coarse_cells=5 5 5"]).success)
         self.assertRegex(self.node.info.message.scan_id, "^phantom-[0-9a-f]{16}$")
 
@@ -516,7 +517,8 @@ for line in sys.stdin:
             self.assertEqual(answer.choice, "", "nothing is chosen unless the scene asks for it")
             if method == "fine":
                 self.assertLess(answer.error_max, 1e-2)
-            elif method != "schur":  # beside the tool a coarse model may be off by more than the pull, over the body it may not
+            # near the tool the error of a coarse model may exceed the pull; averaged over the body it may not
+            elif method != "schur":
                 self.assertGreater(answer.error_max, 0)
                 self.assertLess(answer.error_rms, 0.25)
             self.node.goes_on()
@@ -536,14 +538,14 @@ for line in sys.stdin:
         told = wait_for(lambda: timing.message if timing.fresh().choice else None, "the choice in timing")
         self.assertEqual((told.choice, told.choice_error), (state.choice, state.choice_error))
         timing.close()
-        # what is named is not chosen any more; what was chosen before is no wish of the user's
+        # explicitly set options are not selected automatically; earlier automatic selections do not count as set
         answer = self.node.recompute(method="coarse")
         self.assertTrue(answer.success, answer.message)
         self.assertIn("model/method=coarse", answer.choice)
         self.assertGreater(answer.choice_error, state.choice_error)
         self.assertGreaterEqual(answer.error_max, answer.choice_error)
         wait_for(lambda: self.node.state.message.choice == answer.choice, "the other choice in state")
-        self.assertTrue(self.node.recompute(method="fine").success)  # a load keeps it: the scene's own again
+        self.assertTrue(self.node.recompute(method="fine").success)  # a load keeps it; restore the scene's method
         self.node.goes_on()
 
     def test_load_the_phantom(self):
@@ -618,7 +620,7 @@ for line in sys.stdin:
         self.assertEqual(self.node.mesh.fresh().step, step)
         told = []
         watch = rospy.Subscriber(NAMESPACE + "grasper/measured_cf", WrenchStamped, lambda message: told.append(abs(message.wrench.force.y)))
-        for _ in range(5):  # a machine that was busy just then has made no step while it rose
+        for _ in range(5):  # a busy machine may not have computed a step while the force rose
             del told[:]
             self.assertTrue(call("pause", SetBool, False).success)
             wait_for(lambda: told and told[-1] > 0.9 * pulled, "the force to be back")

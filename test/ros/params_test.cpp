@@ -259,7 +259,7 @@ TEST(Params, HandEyeNamesFramesAndFiles)
 {
     XmlRpcValue good;
     good["hand_eye"] = "PSM1_base=/nowhere/PSM1.json  PSM2_base=/nowhere/PSM2.json";
-    EXPECT_FALSE(read(good).hand_eye.empty()); // whether they are there is seen when they are read
+    EXPECT_FALSE(read(good).hand_eye.empty()); // the existence of the files is checked when they are read
     for (const char *wrong : {"PSM1_base", "=/nowhere/PSM1.json", "PSM1_base=", "PSM1_base=/nowhere/PSM1.json PSM2_base"}) {
         XmlRpcValue tree;
         tree["hand_eye"] = wrong;

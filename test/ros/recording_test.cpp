@@ -1,5 +1,5 @@
-// Sessions of every engine with cuts are recorded as the node records them, into a bag, and computed again from there, each turn to the bit. They
-// run on a GPU where there is one. No master, no clock.
+// Sessions of every engine with cuts are recorded to a bag as the node does, and recomputed from it; each step must be
+// bitwise identical. On a GPU if there is one. No master, no clock.
 #include "../pipeline/adapt_cases.h"
 #include "ros/record/earlier.h"
 #include "ros/record/message.h"
@@ -32,7 +32,8 @@ const Case tough{"tough", [](pliant_scene &scene) { scene.cut.resistance = 1; }}
 
 enum { HOLD = 0, FIRST = 2, LINE = 9, UNDO = 14, STEPS = 20, MOST_WAITS = 1000 };
 
-// A block that hangs from its floor, pulled in two places; its model is on a GPU where there is one, and reads the scan of the body.
+// A block hangs from its floor and is pulled at two points. Its model is on a GPU if there is one, and uses the scan of
+// the body.
 struct Session {
     Body body;
     std::shared_ptr<Loaded> loaded = std::make_shared<Loaded>();
@@ -53,7 +54,7 @@ struct Session {
     }
 };
 
-// What the node would have heard at a time s.
+// Return the input that the node would have received at step s.
 Step heard(int s)
 {
     Step step;
@@ -96,7 +97,7 @@ Step heard(int s)
 struct Recording {
     std::string path;
     uint64_t turns = 0;
-    int32_t nodes = 0, most = 0; // at load, and with cuts
+    int32_t nodes = 0, most = 0; // initial number, and maximum with cuts
     uint32_t taken = 0;
     std::string backend;
     explicit Recording(const std::shared_ptr<const Loaded> &loaded) : path(testing::TempDir() + "recording_test_" + std::to_string(getpid()) + ".bag")
@@ -105,7 +106,8 @@ struct Recording {
         pliant_ros::Data data = pliant_ros::create_data(model);
         rosbag::Bag bag(path, rosbag::bagmode::Write);
         nodes = pliant_data_get_body(data.get())->fine.num_nodes;
-        const bool waits = pliant_model_get_scene(&model)->solver.kind == PLIANT_COROTATIONAL; // for what is made in the background, on a busy machine, too
+        // also wait for the background on a busy machine
+        const bool waits = pliant_model_get_scene(&model)->solver.kind == PLIANT_COROTATIONAL;
         for (int s = 0; s < STEPS; s += s != UNDO - 1 || !waits || taken != 0 || turns > MOST_WAITS) {
             Step step = heard(s);
             step.sequence = ++turns;
@@ -128,7 +130,7 @@ struct Recording {
     ~Recording() { std::remove(path.c_str()); }
     Recording(const Recording &) = delete;
     Recording &operator=(const Recording &) = delete;
-    // what is in the bag, a turn after the other, each changed
+    // Replay the steps in the bag one after the other, each modified by `change`.
     void replay(Rerun *rerun, const std::function<void(Step *)> &change) const
     {
         rosbag::Bag bag(path, rosbag::bagmode::Read);
@@ -160,7 +162,7 @@ TEST_P(EveryEngine, IsMadeAgainFromItsBag)
     recording.replay(&again, [](Step *) {});
     EXPECT_EQ(again.made(), recording.turns);
     EXPECT_EQ(again.differing(), 0u) << again.summary();
-    // what was done, and when what was made in the background came to use, both count
+    // both the tool motions and the times of background results matter
     Rerun shifted(loaded);
     recording.replay(&shifted, [](Step *step) { step->tools[0].tip[0] += step->sequence > LINE ? 1e-9 : 0; });
     EXPECT_GT(shifted.differing(), 0u);
@@ -173,7 +175,7 @@ TEST_P(EveryEngine, IsMadeAgainFromItsBag)
                 recording.taken, again.summary().c_str());
 }
 
-// turns as the node makes them; positions after each
+// Compute steps as the node does; return the positions after each.
 std::vector<double> turns(const pliant_model &model, pliant_data *data, int first, int end)
 {
     std::vector<double> seen;
@@ -224,7 +226,7 @@ TEST_P(SomeEngines, ContinueFromTheirCheckpoint)
 INSTANTIATE_TEST_SUITE_P(Checkpoint, SomeEngines, testing::Values(direct, averaged, patch, tough, dynamic, cubes, octree_dynamic, relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
-// a bag of Pliant 0.1.0 before its last two fields: its steps are read
+// In a bag of Pliant 0.1.0, steps lack the last two fields and are readable.
 TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
 {
     const std::string path = testing::TempDir() + "older_bags_" + std::to_string(getpid()) + ".bag", md5 = "7ea001853a4b85c219a652b58dba7739";
@@ -258,7 +260,8 @@ TEST(OlderBags, HaveStepsThatAreReadAndOtherMessagesAreRefused)
         EXPECT_NE(std::string(failed.what()).find("another version of Pliant (md5 00000"), std::string::npos) << failed.what();
     }
     bag.close();
-    EXPECT_THROW(pliant_ros::check_steps({path}, "pliant/Step"), pliant_ros::Failure); // a player would publish them as they are
+    // a player would publish them unchanged
+    EXPECT_THROW(pliant_ros::check_steps({path}, "pliant/Step"), pliant_ros::Failure);
     EXPECT_NO_THROW(pliant_ros::check_steps({path}, "another topic"));
     std::remove(path.c_str());
 }
@@ -267,7 +270,7 @@ INSTANTIATE_TEST_SUITE_P(Recording, EveryEngine,
                                          octree_hexahedra, tough, subdivided, dynamic, cubes, octree_dynamic, relaxed),
                          [](const testing::TestParamInfo<Case> &info) { return std::string(info.param.name); });
 
-// a scan in a folder of its own
+// a scan in a separate folder
 std::shared_ptr<const pliant_ros::Scan> scan_in(const std::string &folder, const std::string &name, uint8_t first, double spacing)
 {
     const std::string path = testing::TempDir() + folder + std::to_string(getpid());

@@ -1,4 +1,4 @@
-// Where the tissue lies, from pairs of points: exact ones, measured ones, and those that say nothing; and the file that keeps it.
+// Registration of the tissue by point pairs: exact, measured and degenerate ones; and the file that stores the pose.
 #include "ros/node/registration.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +19,8 @@ geometry_msgs::Point point(double x, double y, double z)
     return out;
 }
 
-const Rigid there{{0.3, -0.2, 0.05}, {0.5 * std::sqrt(0.5), 0.5 * std::sqrt(0.5), -std::sqrt(0.25), std::sqrt(0.5)}}; // a unit quaternion
+// a unit quaternion
+const Rigid there{{0.3, -0.2, 0.05}, {0.5 * std::sqrt(0.5), 0.5 * std::sqrt(0.5), -std::sqrt(0.25), std::sqrt(0.5)}};
 
 Points moved(const Points &points, double noise = 0)
 {
@@ -82,7 +83,8 @@ TEST(Registration, NeverTurnsTheTissueInsideOut)
     Rigid pose;
     std::vector<double> errors;
     std::string why;
-    ASSERT_TRUE(fit_rigid(landmarks, mirrored, &pose, &errors, &why)); // a rotation all the same, and an error that says so
+    // still a rotation, and an error that indicates the mirror image
+    ASSERT_TRUE(fit_rigid(landmarks, mirrored, &pose, &errors, &why));
     double square = 0, most = 0;
     for (double q : pose.rotation) square += q * q;
     for (double error : errors) most = std::max(most, error);
@@ -200,7 +202,7 @@ TEST(HandEye, AFileOfTheCameraRegistrationSaysWhereAnArmsBaseLies)
     EXPECT_NEAR(pose.translation[1], -0.035, 1e-15);
     EXPECT_NEAR(pose.rotation[2], std::sqrt(0.5), 1e-12);
     EXPECT_NEAR(pose.rotation[3], std::sqrt(0.5), 1e-12);
-    // as it is copied into a console's file
+    // in the format of a console's file
     EXPECT_TRUE(hand_eye_from_text("\"base-frame\": {\"transform\": " + rows + ", \"reference-frame\": \"ECM\"}", &frame, &pose, &why)) << why;
     EXPECT_EQ(frame, "ECM");
     for (const std::string &wrong : {std::string("{\"name\": \"PSM1\"}"), std::string("{\"reference-frame\": \"camera\", \"transform\": [[1, 0, 0, 0]]}"),

@@ -19,7 +19,7 @@ sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Launch, is_sent, nifti_voxels, wait_for  # noqa: E402
 
 SCAN = "phantom:72x48x60"
-SECONDS = 60.0  # that anything may take on a busy machine
+SECONDS = 60.0  # time limit on a busy machine
 
 
 class Checksums:
@@ -88,7 +88,8 @@ class ReplayTest(unittest.TestCase):
     @classmethod
     def record(cls):
         """A cycle of the scripted tool; cls.live is what was shown while it was surely recorded."""
-        # a replay has every change; a live volume has those below the scan's noise at rest only, unless asked for
+        # a replay contains every change; a live volume contains changes below the scan's noise only at rest, unless
+        # requested
         with open(cls.folder + "/params.yaml", "w") as file:
             file.write("volume_threshold: 0\n")
         live = Launch("scripted.launch", scan=SCAN, scene=cls.scene, path=cls.folder + "/path.yaml", params=cls.folder + "/params.yaml")
@@ -109,9 +110,9 @@ class ReplayTest(unittest.TestCase):
             volumes.close()
             state.close()
         assert volumes.gaps == 0
-        assert len(volumes.sizes) == 1  # the grid has warp/margin of room and stays, though the tissue leaves it
+        assert len(volumes.sizes) == 1  # the grid has a margin (warp/margin) and stays, although the tissue leaves it
         cls.states = [stamp for stamp, _ in cls.recorded()]
-        # what was under way when the recorder came and went is not in the bag; the tissue moves on after the last one
+        # messages pending at the start and end of the recording are not in the bag; the tissue moves after the last one
         cls.live = [(stamp, crc) for stamp, crc in seen if cls.states[0] <= stamp <= cls.states[-1]][:-10]
 
     @classmethod
@@ -171,7 +172,7 @@ class ReplayTest(unittest.TestCase):
         stamps = [stamp for stamp, _ in replayed]
         back = [i for i in range(1, len(stamps)) if stamps[i] < stamps[i - 1] - 10 ** 9] + [len(stamps)]
         self.assert_same(replayed[:back[0]], self.live)
-        self.assert_same(replayed[back[0]:back[1]], self.live, replayed[back[0] - 1][1])  # a third time may have begun
+        self.assert_same(replayed[back[0]:back[1]], self.live, replayed[back[0] - 1][1])  # a third pass may have begun
 
     def test_another_mesh_is_refused(self):
         with open(self.scene) as file:
@@ -193,7 +194,7 @@ class ReplayTest(unittest.TestCase):
     def test_bag_writes_what_was_live(self):
         live = dict(self.live)
         states = self.recorded()
-        # some that were live, and that the next state does not follow at once
+        # some live states that the next state does not follow immediately
         chosen = [(stamp, when + 1e-3) for (stamp, when), (_, after) in zip(states, states[1:])
                   if stamp in live and after > when + 3e-3]
         chosen = chosen[::max(1, len(chosen) // 8)]

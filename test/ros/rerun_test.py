@@ -27,7 +27,7 @@ sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from node_client import NAMESPACE, Latest, Launch, Node, Tool, call, is_sent, wait_for  # noqa: E402
 
 SCAN = "phantom:72x48x60"
-SECONDS = 60.0  # that anything may take on a busy machine
+SECONDS = 60.0  # time limit on a busy machine
 TURNS = 120
 
 
@@ -196,7 +196,8 @@ class RerunTest(unittest.TestCase):
         self.assertGreater(len(after), 3, "states after the cut")
         reset = [step.sequence for _, step in times[NAMESPACE + "step"]].index(1)
         steps = [when for when, _ in times[NAMESPACE + "step"][reset:]]
-        # in the middle of the longest time between two steps, and rounded before it is counted by: the player and the replay take no step twice, and leave none out
+        # in the middle of the longest time between two steps, rounded first, so that player and replay agree on the set
+        # of steps
         low, high = after[len(after) // 4][0], after[-1 - len(after) // 4][0]
         length, middle = max((next_one - one, 0.5 * (one + next_one)) for one, next_one in zip(steps, steps[1:]) if low < one and next_one < high)
         self.assertGreater(length, 0.01, "time between two steps")
@@ -208,7 +209,7 @@ class RerunTest(unittest.TestCase):
                 wait_for(lambda: "play-" in launch.said() and "finished cleanly" in launch.said(), "the end of the bag", 2 * SECONDS)
             finally:
                 launch.stop()
-            # what is under way as the player ends may be left
+            # messages pending at the end of playback may be lost
             shown, dropped = (int(number) for number in re.search(r"(\d+) states shown, (\d+) dropped", launch.said()).groups())
             self.assertGreater(shown, 0)
             self.assertEqual(dropped, 0)

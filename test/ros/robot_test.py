@@ -156,7 +156,7 @@ class RobotTest(unittest.TestCase):
         for process in (robot, marker):
             self.addCleanup(process.wait)
             self.addCleanup(process.kill)
-        # dragged to where it stays: the marker sends it again and again
+        # dragged to its final position: the marker sends it repeatedly
         drag = rospy.Publisher("/PSM3/drag/feedback", InteractiveMarkerFeedback, queue_size=1)
         wait_for(lambda: drag.get_num_connections() and pose.message and local.message and state.message, "the robot and its marker")
         feedback = InteractiveMarkerFeedback(marker_name="PSM3", event_type=InteractiveMarkerFeedback.POSE_UPDATE)

@@ -38,8 +38,8 @@ MESH = """
 """
 SIGHTS = {"slices": VOLUME % "Slices", "isosurface": VOLUME % "Isosurface", "mesh": MESH}
 VIEW = {"Class": "rviz/TopDownOrtho", "Scale": 1800, "X": -0.055, "Y": 0.07, "Angle": 0, "Near Clip Distance": 0.01}
-LINE = [(-0.20, -0.20, 0.105), (-0.060, -0.20, 0.105)]  # the first of cut_hang_path.yaml, a little lower
-EMPTY = -100  # [HU] and less: nothing
+LINE = [(-0.20, -0.20, 0.105), (-0.060, -0.20, 0.105)]  # the first of cut_hang_path.yaml, slightly lower
+EMPTY = -100  # [HU] and less: empty
 
 
 def inner(area):
@@ -63,7 +63,7 @@ class Severed(unittest.TestCase):
         cls.stage.start([rviz_stage.program("pliant_node"), "__ns:=tissue", "_scan/path:=phantom:96x80x72", "_scene:=" + launch + "/scenes/cut_hang.yaml",
                          "_warp/margin:=0.05", "_parent_frame:=front", "_tissue_pose:=0 0 0 -0.70710678 0 0 0.70710678"], "node")
         rospy.init_node("rviz_cut_test", disable_signals=True)
-        cls.whole = cls.state = None  # stamp of the last volume that was whole, last state
+        cls.whole = cls.state = None  # stamp of the last whole volume, and last state
         cls.resend = rospy.Publisher("tissue/volume/resend", Empty, queue_size=1)
         cls.subscribers = [rospy.Subscriber("tissue/volume", Volume, cls.take_volume, buff_size=1 << 27),
                            rospy.Subscriber("tissue/mesh/state", MeshState, lambda m: setattr(cls, "state", m), buff_size=1 << 24)]
@@ -100,7 +100,7 @@ class Severed(unittest.TestCase):
         def is_held():
             if self.whole > begin:
                 return self.state.header.stamp > begin
-            self.resend.publish()  # what comes may have been shown before
+            self.resend.publish()  # the next volume may have been displayed before
             return False
         self.stage.wait(is_held, what="the volume that is held")
 
@@ -109,7 +109,7 @@ class Severed(unittest.TestCase):
         x, y, width, height = self.stage.window()
         left = VIEW["X"] + (numpy.arange(width) + 0.5 - width / 2) / VIEW["Scale"]
         up = VIEW["Y"] - (numpy.arange(height) + 0.5 - height / 2) / VIEW["Scale"]
-        seen = (self.voxels > EMPTY).any(axis=1)  # along y, the way that is looked
+        seen = (self.voxels > EMPTY).any(axis=1)  # along y, the view direction
         i = numpy.round((left - self.origin[0]) / self.spacing[0]).astype(int)
         k = numpy.round((up - self.origin[2]) / self.spacing[2]).astype(int)
         inside = ((k >= 0) & (k < seen.shape[0]))[:, None] & ((i >= 0) & (i < seen.shape[1]))[None, :]
@@ -123,7 +123,8 @@ class Severed(unittest.TestCase):
             self.assertEqual(drawn.shape, wanted.shape, "rviz's window as it is laid out")
             overlap = (drawn & wanted).sum() / max((drawn | wanted).sum(), 1)
             self.assertLess((inner(wanted) & ~drawn).sum(), 0.02 * wanted.sum(), name + ": what is there")
-            self.assertGreater(overlap, 0.75 if name == "mesh" else 0.85, name)  # its cubes of 9 mm reach beyond the voxels
+            # its cubes of 9 mm extend beyond the voxels
+            self.assertGreater(overlap, 0.75 if name == "mesh" else 0.85, name)
             if is_open:
                 gap = self.gap(wanted)
                 self.assertLess((drawn & gap).sum(), 0.05 * gap.sum(), name + ": the open cut")
@@ -171,4 +172,4 @@ if __name__ == "__main__":
     from pliant.srv import CutLine
     from std_msgs.msg import Empty, Header
     from std_srvs.srv import SetBool
-    unittest.main(warnings="ignore")  # rospy's own
+    unittest.main(warnings="ignore")  # warnings of rospy

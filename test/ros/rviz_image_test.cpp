@@ -1,4 +1,4 @@
-// Volumes on their way to the graphics card: checks, conversion, ranges, boxes, subsampling.
+// Volumes for upload to the graphics card: checks, conversion, ranges, boxes, subsampling.
 #include "rviz/volume_image.h"
 
 #include <gtest/gtest.h>
@@ -35,7 +35,7 @@ template <class Stored> struct Source {
     }
 };
 
-// texel of the image as a value
+// a texel of the image as a value
 double value(const VolumeImage &image, uint32_t i, uint32_t j, uint32_t k)
 {
     std::vector<uint8_t> bytes;
@@ -115,7 +115,7 @@ TEST(VolumeImage, FloatsKeepSixteenBitsOfTheirRange)
     for (uint32_t n = 9; n < 64; n++) EXPECT_NEAR(value(image, n, 0, 0), floats.voxels[n], 0.5001 * step);
     EXPECT_NEAR(value(image, 7, 0, 0), image.low(), step);
 
-    // a box with values beyond: what was there stays where it was, to one step of the wider range
+    // a box with values outside the range: existing values are preserved, to one step of the wider range
     Source<float> box({{64, 4, 4}}, FLOAT32);
     box.view.box.offset = {{2, 1, 1}};
     box.view.box.size = {{3, 2, 1}};
@@ -233,7 +233,7 @@ TEST(VolumeImage, TooLargeIsSubsampledInPlace)
     for (uint32_t k = 0; k < 4; k++)
         for (uint32_t j = 0; j < 7; j++)
             for (uint32_t i = 0; i < 17; i++) ASSERT_NEAR(value(image, i, j, k), 3 * i + 50 * (3 * j + 20 * 3 * k), 1e-8);
-    // a box touches the texels whose voxels it holds
+    // a box changes the texels whose voxels it contains
     Source<int16_t> box({{50, 20, 10}}, INT16);
     box.view.box.offset = {{4, 4, 4}};
     box.view.box.size = {{6, 5, 4}};
@@ -246,7 +246,7 @@ TEST(VolumeImage, TooLargeIsSubsampledInPlace)
                 bool inside = (i == 2 || i == 3) && j == 2 && k == 2;
                 ASSERT_NEAR(value(image, i, j, k), inside ? -5 : double(3 * i + 50 * (3 * j + 60 * k)), 1e-8);
             }
-    // by memory
+    // limited by memory
     limits = TextureLimits();
     limits.bytes = 2 * 1000;
     VolumeImage small;

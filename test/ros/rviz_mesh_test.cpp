@@ -1,4 +1,4 @@
-// The mesh as it is drawn: checks, matching of states, faces of a cut.
+// Drawn mesh: checks, matching of states, faces of a cut.
 #include "rviz/mesh_shape.h"
 
 #include "pliant/scene.h"
@@ -12,7 +12,7 @@ using namespace pliant_rviz;
 
 namespace {
 
-// Cubes in a row along x, five tetrahedra each: corner 0 is central in even ones.
+// Cubes in a row along x, five tetrahedra each; corner 0 is central in even ones.
 Topology row(uint32_t cubes)
 {
     Topology topology;
@@ -28,7 +28,7 @@ Topology row(uint32_t cubes)
     for (uint32_t c = 0; c < cubes; c++)
         for (const auto &corners : c % 2 ? odd : even) {
             std::array<uint32_t, 4> tet;
-            // bit 0 of a corner: x, 1: y, 2: z
+            // bits of a corner: 0: x, 1: y, 2: z
             for (size_t v = 0; v < 4; v++)
                 tet[v] = 4 * (c + uint32_t(corners[v] & 1)) + uint32_t(corners[v] >> 1 & 1) + 2 * uint32_t(corners[v] >> 2);
             const float *x[4];
@@ -45,7 +45,7 @@ Topology row(uint32_t cubes)
     return topology;
 }
 
-// the surface integral of x . n / 3: the volume inside, when the faces are closed and outwards
+// Return the surface integral of x . n / 3: the enclosed volume if the faces are closed and oriented outwards.
 double volume_inside(const Shape &shape)
 {
     double sum = 0;
@@ -108,7 +108,7 @@ TEST(MeshShape, NodesStayWhereTheirParentsWereAfterACut)
     std::vector<float> moved = topology.rest;
     for (float &x : moved) x *= 2;
     mesh.put(3, moved, {});
-    // node 5 is split: the new node 8 lies where node 5 was
+    // node 5 is split: the new node 8 is at its position
     Topology cut = topology;
     cut.revision = 4;
     cut.rest.insert(cut.rest.end(), topology.rest.begin() + 15, topology.rest.begin() + 18);
@@ -117,7 +117,7 @@ TEST(MeshShape, NodesStayWhereTheirParentsWereAfterACut)
     ASSERT_EQ(mesh.nodes().size(), 27u);
     for (size_t n = 0; n < 24; n++) EXPECT_EQ(mesh.nodes()[n], moved[n]);
     for (size_t d = 0; d < 3; d++) EXPECT_EQ(mesh.nodes()[24 + d], moved[15 + d]);
-    // the copy has moved on; the next cut leaves it where it is
+    // the copy has moved; the next cut keeps its position
     moved = mesh.nodes();
     for (size_t d = 0; d < 3; d++) moved[24 + d] += 1;
     std::vector<float> scalar(9, 2);
@@ -142,11 +142,11 @@ TEST(MeshShape, ACutShowsTheFacesOfWhatIsKept)
 {
     MeshShape mesh;
     mesh.start(row(4));
-    // everything: the outer faces of the box, 2 triangles a square, 18 squares
+    // everything: the outer faces of the box, 18 squares of 2 triangles
     Shape all = mesh.cut({{{1, 0, 0}}, -1});
     EXPECT_EQ(all.triangles.size(), 3u * 2 * 18);
     EXPECT_NEAR(volume_inside(all), 4, 1e-6);
-    // the last two cubes: five squares of one, four of the other, and the inner square between
+    // the last two cubes: five squares of one, four of the other, and the inner square between them
     Shape half = mesh.cut({{{1, 0, 0}}, 2});
     EXPECT_EQ(half.triangles.size(), 3u * 2 * 10);
     EXPECT_NEAR(volume_inside(half), 2, 1e-6);
@@ -183,7 +183,7 @@ TEST(MeshShape, SurfaceNormalsPointOutwards)
     EXPECT_EQ(int(surface.nodes.size()) - int(surface.edges.size() / 2) + int(surface.triangles.size() / 3), 2);
 }
 
-// A surface that ends at a cut: its own vertices move with their tetrahedra, and its rim is sharp.
+// A surface that ends at a cut: additional vertices move with their tetrahedra, and its rim is sharp.
 TEST(MeshShape, VerticesOfASurfaceMoveWithTheirTetrahedra)
 {
     MeshShape mesh;
@@ -214,7 +214,7 @@ TEST(MeshShape, VerticesOfASurfaceMoveWithTheirTetrahedra)
             EXPECT_NEAR(shape.vertices[3 * n + d], 0.5f * moved[3 * first[0] + d] + 0.25f * moved[3 * first[1] + d] + 0.25f * moved[3 * first[2] + d], 1e-6);
     }
     EXPECT_EQ(own, 2);
-    // between nodes, three, which are on the rim or not; and the rim that ends at the vertex
+    // three edges between nodes, on the rim or not, and the rim edge that ends at the vertex
     EXPECT_EQ(shape.edges.size() / 2, 4u);
 }
 

@@ -112,7 +112,7 @@ def volume(voxels, spacing, origin, orientation=(0, 0, 0, 1), frame="stage", seq
     return message
 
 
-# grey over this window: nothing is seen below its low end
+# grey window: values below its low end are invisible
 LOW, HIGH = 128, 255
 
 
@@ -139,7 +139,7 @@ class Pictures(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls):
-        if "PLIANT_TEST_PICTURE" in os.environ:  # a file to look at
+        if "PLIANT_TEST_PICTURE" in os.environ:  # a file for inspection
             cls.stage.picture(os.environ["PLIANT_TEST_PICTURE"])
         rospy.signal_shutdown("done")
         cls.stage.__exit__(None, None, None)
@@ -171,7 +171,7 @@ class Pictures(unittest.TestCase):
         t, q = message.transform.translation, message.transform.rotation
         t.x, t.y, t.z = translation
         q.x, q.y, q.z, q.w = orientation
-        # the topic is latched: its last message must hold all of them
+        # the topic is latched, so its last message must contain all of them
         cls.frames.append(message)
         cls.transforms.sendTransform(cls.frames)
 
@@ -220,10 +220,10 @@ class Pictures(unittest.TestCase):
     def test_a_bright_box_is_where_tf_says(self):
         voxels = numpy.zeros((10, 40, 60), numpy.uint8)
         voxels[2:8, 10:20, 30:50] = 255
-        # frame "moved" is at the spot + (50, -20) mm, turned a quarter: its x is the stage's y
+        # frame "moved" is at the spot + (50, -20) mm, rotated by a quarter turn: its x is the stage's y
         self.publish("placed/volume", volume(voxels, [0.002, 0.003, 0.004], [-0.06, -0.04, 0], frame="moved"))
-        # voxels 30 to 50 along i: x from -0.06 + 29.5 * 2 mm to 49.5; 10 to 20 along j: y from -0.04 + 9.5 * 3 mm to 19.5.
-        # Interpolation blurs an edge over one voxel around its middle.
+        # Voxels 30 to 50 along i: x from -0.06 + 29.5 * 2 mm to 49.5; 10 to 20 along j: y from -0.04 + 9.5 * 3 mm to
+        # 19.5. Interpolation blurs an edge over one voxel around its middle.
         x = numpy.array([-0.06 + 29.5 * 0.002, -0.06 + 49.5 * 0.002])
         y = numpy.array([-0.04 + 9.5 * 0.003, -0.04 + 19.5 * 0.003])
         low, high = [0.05 - y[1], -0.02 + x[0]], [0.05 - y[0], -0.02 + x[1]]
@@ -236,7 +236,7 @@ class Pictures(unittest.TestCase):
         self.publish("ordered/volume", volume(voxels, [0.005] * 3, at + [-0.08, -0.08, -0.05]))
         self.marker(10, at + [-0.03, 0, 0.10], [0.03, 0.03, 0.01], [0, 1, 0])  # in front
         self.marker(11, at + [0.03, 0, -0.10], [0.03, 0.03, 0.01], [0, 0, 1])  # behind
-        self.marker(12, at + [0.0, 0.085, -0.10], [0.02, 0.04, 0.01], [0, 0, 1])  # behind, and half beside
+        self.marker(12, at + [0.0, 0.085, -0.10], [0.02, 0.04, 0.01], [0, 0, 1])  # behind, and half outside
 
         def check(picture):
             front, behind, beside = (self.colour(picture, at + offset) for offset in ([-0.03, 0, 0], [0.03, 0, 0], [0, 0.095, 0]))
@@ -253,12 +253,12 @@ class Pictures(unittest.TestCase):
         at = spot(2, 0)
         self.publish("thin/volume", volume(voxels, [0.005] * 3, at + [-0.08, -0.08, -0.05]))
         self.marker(13, at, [0.03, 0.03, 0.01], [1, 0, 0])
-        self.marker(16, at + [0.09, 0, 0], [0.015, 0.03, 0.01], [1, 0, 0])  # beside it
+        self.marker(16, at + [0.09, 0, 0], [0.015, 0.03, 0.01], [1, 0, 0])  # outside it
 
         def check(picture):
             inside, beside = self.colour(picture, at), self.colour(picture, at + [0.09, 0, 0])
             self.assertGreater(min(inside[0], beside[0]), 60, "the markers")
-            # 50 mm of it, in pieces of 1/256 of its diagonal of 247 mm, each of which lets 99 % through
+            # 50 mm, in units of 1/256 of its diagonal of 247 mm, each of which transmits 99 %
             self.assertAlmostEqual(inside[0] / beside[0], 0.99 ** (0.05 / (0.247 / 256)), delta=0.06)
             self.assertLess(inside[1], 20)
         self.stage.agrees(check)
@@ -269,7 +269,7 @@ class Pictures(unittest.TestCase):
         # the plane is x = 20 mm in the volume's frame
         self.transform("clip_frame", at, [0, 0, 0, 1])
         self.publish("clipped/volume", volume(voxels, [0.005] * 3, [-0.075, -0.075, 0], frame="clip_frame"))
-        half = 0.0025  # the volume reaches half a voxel beyond its outermost centres
+        half = 0.0025  # the volume extends half a voxel beyond its outermost centres
         self.stage.agrees(lambda picture: self.assert_box(picture, 3, 0, at[:2] + [0.02, -0.075 - half], at[:2] + [0.07 + half, 0.07 + half]))
 
     def test_the_clip_box_cuts(self):
@@ -304,8 +304,8 @@ class Pictures(unittest.TestCase):
         brick = numpy.full((16, 16, 16), 255, numpy.int16)
         self.publish("bricks/volume", volume(brick, [spacing] * 3, origin, sequence=2, offset=[16, 16, 16], full=[48, 48, 32]))
         middle = origin + numpy.array([23.5, 23.5, 0]) * spacing
-        x, y, width, height = self.stage.window()  # without the bar that tells the frame rate
-        # interpolation reaches one voxel beyond the brick's own
+        x, y, width, height = self.stage.window()  # without the status bar with the frame rate
+        # interpolation extends one voxel beyond the brick
         corners = numpy.array([self.pixel(origin + spacing * numpy.array([15.0, 15.0, 0])),
                                self.pixel(origin + spacing * numpy.array([32.0, 32.0, 0]))])
 
@@ -336,7 +336,8 @@ class Pictures(unittest.TestCase):
         self.assertEqual(len(connected), 1, "nothing was lost")
         publisher.publish(volume(voxels[:2, :2, :2], [0.002] * 3, origin, sequence=4, offset=[1, 1, 1], full=[8, 8, 8], since=3))
         self.stage.wait(lambda: len(connected) == 2, what="the display that subscribes anew")
-        # a reset (rviz does it when time jumps back, too) forgets everything: it must be sent again. The button is at the lower left.
+        # a reset, which rviz also does when time jumps back, discards everything; it must be sent again. The button is
+        # at the lower left.
         self.stage.mouse("mousemove", 33, self.stage.height - 14, "click", 1)
         self.stage.wait(lambda: len(connected) == 3, what="the display that subscribes after a reset")
 
@@ -374,7 +375,7 @@ class Pictures(unittest.TestCase):
             corners = nodes[:, :2]
             numpy.testing.assert_allclose(of_volume, [corners.min(axis=0), corners.max(axis=0)], atol=2 / self.scale)
             numpy.testing.assert_allclose(of_mesh - [0, Y_STEP], of_volume, atol=2 / self.scale)
-            # and pixel by pixel, but for the rim
+            # and pixel by pixel, except at the rim
             height, width = min(mask.shape[0], mesh_mask.shape[0]), min(mask.shape[1], mesh_mask.shape[1])
             differ = (mask[:height, :width] != mesh_mask[:height, :width]).sum()
             self.assertLess(differ, 0.06 * mesh_mask.sum())
@@ -389,7 +390,7 @@ class Pictures(unittest.TestCase):
         distance = numpy.sqrt((k - 19.5) ** 2 + (j - 19.5) ** 2 + (i - 19.5) ** 2) * spacing
         values = 127.5 + (radius - distance) * 1000  # 127.5 at the radius
         self.publish("surface/volume", volume(values.astype(numpy.float32), [spacing] * 3, at - 19.5 * spacing))
-        # a marker that pokes out of the top, and one that lies inside
+        # a marker that extends out of the top, and one inside
         self.marker(14, at + [0.01, 0, radius - 0.005], [0.015, 0.015, 0.03], [0, 1, 0])
         self.marker(15, at + [-0.02, 0, 0], [0.02, 0.02, 0.02], [0, 0, 1])
         low, high = self.pixel(at - [0.19, 0.19, 0]), self.pixel(at + [0.19, 0.19, 0])
@@ -431,7 +432,7 @@ class Pictures(unittest.TestCase):
         def tells(reason):
             self.stage.wait(lambda: any(reason in line for line in self.log), what="the reason: " + reason)
         for number, (change, reason) in enumerate(cases):
-            # the log tells each new reason once: one that was never there comes before
+            # the log contains each new reason once, so an unused reason is caused first
             self.publish("broken/volume", broken(lambda m: setattr(m, "encoding", 100 + number)))
             tells("unknown encoding %d" % (100 + number))
             del self.log[:]
@@ -446,12 +447,12 @@ class Pictures(unittest.TestCase):
         voxels = numpy.zeros((size, size, size), numpy.int16)  # 4 MiB, one is allowed
         voxels[:, 32:96, 32:64] = 255
         self.publish("large/volume", volume(voxels, [0.001] * 3, at - 0.064))
-        # every second voxel: edges to one of them
+        # every second voxel: edges to within one of them
         self.stage.agrees(lambda picture: self.assert_box(picture, 3, 2, at[:2] + [-0.0325, -0.0325], at[:2] + [-0.0005, 0.0315], pixels=2.5))
 
     def test_a_marker_inside_gets_the_mouse(self):
         at = spot(2, 2)
-        voxels = numpy.full((20, 20, 20), 255, numpy.uint8)  # opaque: the marker is not even seen
+        voxels = numpy.full((20, 20, 20), 255, numpy.uint8)  # opaque: the marker is invisible
         self.publish("around/volume", volume(voxels, [0.005] * 3, at - 0.0475))
         got = []
         server = InteractiveMarkerServer("handle")
@@ -493,4 +494,4 @@ if __name__ == "__main__":
     from pliant.msg import MeshState, MeshTopology, Volume
     from rosgraph_msgs.msg import Log
     from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, InteractiveMarkerFeedback, Marker
-    unittest.main(warnings="ignore")  # rospy's own
+    unittest.main(warnings="ignore")  # warnings of rospy

@@ -32,7 +32,7 @@ TOOL = """
 - Class: pliant/Pull
   Namespace: tissue
 """
-# a stiff spring: the held point stays close to the tip. Busy test machines get more time than a robot does.
+# a stiff spring keeps the grasped point close to the tip. Busy test machines get more time than a robot.
 PARAMETERS = ["_scan/path:=phantom:96x80x72", "_tools:=mouse", "_tool_max_age:=2.0", "_grasp/stiffness:=100000.0",
               "_parent_frame:=front", "_tissue_pose:=0 0 0 -0.70710678 0 0 0.70710678"]
 
@@ -106,7 +106,7 @@ class Pull(unittest.TestCase):
             numpy.testing.assert_allclose(self.seen_at(self.poses[0]), start, atol=1.5)
             self.assertGreater(self.jaws[0], 0.2, "the jaw comes open")
             wait(lambda: self.jaws[-1] < 0.05, what="a closed jaw")
-            # on the surface, which is at the front of the body
+            # on the surface, at the front of the body
             self.assertGreater(self.poses[0].pose.position.z, 0.05)
             for part in numpy.linspace(0, 1, 12):
                 self.stage.mouse("mousemove", *numpy.round(start + part * (end - start)).astype(int))
@@ -122,7 +122,7 @@ class Pull(unittest.TestCase):
             # most of the body stays
             moved = self.moved()
             self.assertLess(numpy.median(moved), 0.2 * moved.max())
-            # the picture follows around the cursor
+            # the image follows around the cursor
             self.stage.wait_for(lambda p: self.difference(before, p, end) > 8, what="the picture of the pulled tissue")
             if "PLIANT_TEST_PICTURE" in os.environ:
                 self.stage.picture(os.environ["PLIANT_TEST_PICTURE"] + ".pulled.png")
@@ -205,7 +205,7 @@ class Seen(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.stage = Pull.stage
-        # far too small, and aside
+        # far too small, and off-centre
         cls.view = {"Class": "rviz/TopDownOrtho", "Scale": 60, "X": 1, "Y": 0.5, "Angle": 0, "Near Clip Distance": 0.01}
         cls.load("false")
 
@@ -319,7 +319,7 @@ class Seen(unittest.TestCase):
         before = self.stage.still().astype(int)
         there = curve(before)
         (top, left), (bottom, right) = there.min(axis=0), there.max(axis=0) + 1
-        # the skin of the preset: place 0.17, opacity 0.1, at the root of it; down to none
+        # the preset's skin: position 0.17, opacity 0.1, drawn at its square root; drag it to zero
         start = [left + 10 + 0.17 * (right - left - 20), bottom - 28 - numpy.sqrt(0.1) * (bottom - top - 38)]
         self.drag(start, [0, numpy.sqrt(0.1) * (bottom - top - 38) + 3])
         points = self.stage.wait(lambda: self.stage.saved()["Displays"][0]["Points"], what="points of its own")
@@ -411,4 +411,4 @@ if __name__ == "__main__":
     from pliant.msg import ContactState, MeshState, Session, Volume
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import Marker
-    unittest.main(warnings="ignore")  # rospy's own
+    unittest.main(warnings="ignore")  # warnings of rospy

@@ -1,5 +1,6 @@
-// rviz as it is, which also writes where the rows of its panels lie on the screen: tests then click at a row by its name.
-// rviz_rows FILE [rviz's own arguments]   A line of FILE: path of the row, x, y of the middle of its value [pixels of the screen], its value; between tabs.
+// rviz that also writes the screen positions of its panels' rows, so that tests can click a row by its name.
+// rviz_rows FILE [rviz's own arguments]
+// A line of FILE: path of the row, x, y of its value's centre [screen pixels], its value; separated by tabs.
 #include <QApplication>
 #include <QSaveFile>
 #include <QTextStream>

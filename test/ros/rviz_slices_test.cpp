@@ -1,4 +1,4 @@
-// Geometry of slices: areas, volumes and order against what is known in closed form.
+// Geometry of slices: areas, volumes and order against closed forms.
 #include "rviz/patient.h"
 #include "rviz/seen.h"
 #include "rviz/slices.h"
@@ -135,7 +135,7 @@ TEST(ClipRay, OutsideOfWhatIsCutAway)
     }
 }
 
-// a path in metres through layers of CT values, as the preset of the demo shows them
+// A path in metres through layers of CT values, with the demo's preset.
 TEST(Seen, IsTheLayerThatGivesMostLight)
 {
     const Preset &abdomen = preset("CT abdomen");
@@ -151,22 +151,22 @@ TEST(Seen, IsTheLayerThatGivesMostLight)
             return opacity_over(colour_at(abdomen, (path[n].value - low) / abdomen.window).a, 0.25);
         }, at);
     };
-    /* air, the rim of the skin, skin, fat, liver */
+    /* air, rim of the skin, skin, fat, liver */
     const std::vector<Piece> body = {{0.1, -1000}, {0.1015, -500}, {0.104, -20}, {0.125, -100}, {0.2, 105}};
     double at = 0;
     ASSERT_TRUE(look(body, {{0, 0.2}}, &at));
     EXPECT_GT(at, 0.125) << "not the skin, which is drawn faintly before it";
     EXPECT_LT(at, 0.131) << "near its surface";
-    /* without a liver the skin is what is seen */
+    /* without a liver, the skin is visible */
     const std::vector<Piece> fat = {{0.1, -1000}, {0.1015, -500}, {0.104, -20}, {0.2, -100}};
     ASSERT_TRUE(look(fat, {{0, 0.2}}, &at));
     EXPECT_NEAR(at, 0.10075, 0.0005);
     EXPECT_FALSE(look({{0.2, -1000}}, {{0, 0.2}}, &at));
-    /* what is cut away is not seen; what begins behind it is */
+    /* the removed part is invisible; the layer that begins behind it is visible */
     ASSERT_TRUE(look(body, {{0, 0.09}, {0.15, 0.2}}, &at));
     EXPECT_GT(at, 0.15);
     EXPECT_LT(at, 0.156);
-    /* two layers that touch are two: the brighter one is meant, where it begins */
+    /* two adjacent layers are separate: the brighter one counts, at its beginning */
     const std::vector<Piece> touching = {{0.12, 30}, {0.2, 105}};
     ASSERT_TRUE(look(touching, {{0.1, 0.2}}, &at));
     EXPECT_GT(at, 0.12);

@@ -14,7 +14,7 @@ import time
 
 import numpy
 
-# exit code that ctest takes for "skipped"
+# exit code that ctest treats as "skipped"
 SKIPPED = 77
 NEEDED = ["Xvfb", "rviz", "rosmaster", "xdotool", "xwininfo"]
 
@@ -72,7 +72,7 @@ class Map:
 
     def __init__(self, places, picture):
         self.matrix = numpy.linalg.solve(numpy.column_stack([places, numpy.ones(3)]), numpy.array(magenta_centres(picture)))
-        self.scale = abs(self.matrix[0, 0])  # pixels a metre
+        self.scale = abs(self.matrix[0, 0])  # pixels per metre
 
     def pixel(self, point):
         return numpy.array([point[0], point[1], 1]) @ self.matrix
@@ -93,7 +93,7 @@ class Stage:
         self.tells_rows = tells_rows
 
     def __enter__(self):
-        # also when a test fails before it has begun, or takes too long and is told to end
+        # also when a test fails before it has begun, or is terminated after a timeout
         atexit.register(self.close)
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
         self._start()
@@ -112,7 +112,7 @@ class Stage:
                 if probe.connect_ex(("127.0.0.1", port)) == 0:
                     break
             time.sleep(0.05)
-        # the server picks a free display and tells its number
+        # the server chooses a free display and prints its number
         reader, writer = os.pipe()
         self.start(["Xvfb", "-displayfd", str(writer), "-screen", "0", "%dx%dx24" % (self.width, self.height), "-nolisten", "tcp",
                     "-fbdir", self.folder], "screen", pass_fds=[writer])
@@ -160,7 +160,7 @@ class Stage:
     def _look_for_window(self):
         """As window(); None while it is not there."""
         tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True)
-        if tree.returncode != 0:  # one of the windows went while they were told
+        if tree.returncode != 0:  # a window disappeared during the query
             return None
         best = None
         for line in tree.stdout.splitlines():

@@ -1,4 +1,4 @@
-// Transfer functions: sound presets, opacity that does not depend on the number of slices.
+// Transfer functions: valid presets, opacity independent of the number of slices.
 #include "rviz/transfer.h"
 
 #include <gtest/gtest.h>
@@ -47,7 +47,7 @@ TEST(Colour, IsLinearBetweenPointsAndFlatOutside)
     EXPECT_DOUBLE_EQ(colour_at(two, std::nan("")).a, 0);
 }
 
-// what is seen through a slab does not depend on how many slices it is cut into
+// The visibility through a slab does not depend on the number of slices.
 TEST(Table, OpacityIsCorrectedForTheDistance)
 {
     Preset two;
@@ -77,7 +77,7 @@ TEST(DrawnValues, AreThoseOfTheWindow)
     EXPECT_FALSE(drawn[1049]);
     EXPECT_TRUE(drawn[1051]);
     EXPECT_TRUE(drawn[4000]) << "above the window too";
-    // a narrow window among coarse steps is not lost
+    // a narrow window between coarse steps is not lost
     two.points = {{0, {1, 1, 1, 0}}, {0.5, {1, 1, 1, 1}}, {1, {1, 1, 1, 0}}};
     drawn = drawn_values(two, 10.2, 10.4, -32768, 32767);
     EXPECT_TRUE(std::any_of(drawn.begin(), drawn.end(), [](bool x) { return x; }));
@@ -152,13 +152,13 @@ struct Comma : std::numpunct<char> {
     char do_decimal_point() const override { return ','; }
 };
 
-// Qt takes on the desktop's language, which may write 0,5
+// Qt uses the desktop's language, which may write 0,5.
 TEST(Points, AreTextOfNoLanguage)
 {
     const std::vector<ControlPoint> points = {{0.25, {0.5, 0, 0, 0}}, {0.75, {1, 1, 1, 0.5}}};
     const std::locale before = std::locale::global(std::locale(std::locale::classic(), new Comma));
     const std::string numbers = std::setlocale(LC_NUMERIC, nullptr);
-    for (const char *name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "nl_NL.UTF-8"}) // where one is installed
+    for (const char *name : {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "nl_NL.UTF-8"}) // if one is installed
         if (std::setlocale(LC_NUMERIC, name)) break;
     std::vector<ControlPoint> read;
     const std::string text = points_text(points), wrong = points_from_text("0.25, 0.5, 0, 0, 0; 0.75 ,1 ,1 ,1 ,0.5", &read);

@@ -20,12 +20,12 @@ CAMERA = """
     marked: true
     Value: true
 """
-VOXEL, EDGE, RADIUS = 0.005, 48, 14  # [m], voxels, of the ball in the middle
+VOXEL, EDGE, RADIUS = 0.005, 48, 14  # [m], voxels, radius of the ball in the middle
 BALL = 7  # labels: six marks, then the ball
 # value and colour of each label
 LOOKS = {7: (80, (0.75, 0.75, 0.75)), 1: (110, (1, 0, 0)), 2: (140, (0, 1, 0)), 3: (170, (0.1, 0.3, 1)),
          4: (200, (1, 1, 0)), 5: (225, (1, 0, 1)), 6: (250, (0, 1, 1))}
-DISTANCE = 0.6  # of both cameras from the middle [m]
+DISTANCE = 0.6  # distance of both cameras from the middle [m]
 
 
 def marked_scan():
@@ -35,7 +35,7 @@ def marked_scan():
     for side in range(6):
         away = [0.0, 0.0, 0.0]
         away[side // 2] = (RADIUS + 2) * (1 if side % 2 else -1)
-        # of different sizes, so that none can stand for another
+        # different sizes, so that they can be distinguished
         labels[numpy.max(numpy.abs([i - away[0], j - away[1], k - away[2]]), axis=0) < 3 + side / 2] = side + 1
     return labels
 
@@ -115,7 +115,7 @@ class Views(unittest.TestCase):
             topic.publish(pictures.volume(voxels, [VOXEL] * 3, [-VOXEL * (EDGE - 1) / 2] * 3, frame="body"))
             images = rospy.Publisher("camera/image_raw", Image, queue_size=1)
             infos = rospy.Publisher("camera/camera_info", CameraInfo, queue_size=1)
-            # the main view stands on x and looks back, z up; the camera below, looks up
+            # the main view stands on x and looks back, z up; the camera below looks up
             main = matrix(numpy.array([[0, 0, -1], [1, 0, 0], [0, -1, 0]]), [DISTANCE, 0, 0])
             below = matrix(numpy.eye(3), [0, 0, -DISTANCE])
             frames = tf2_ros.StaticTransformBroadcaster()
@@ -184,4 +184,4 @@ if __name__ == "__main__":
     from sensor_msgs.msg import CameraInfo, Image
     library.declare(ctypes.c_int, "render", *[ctypes.c_void_p] * 4, ctypes.c_int, ctypes.c_void_p)
     pictures.Volume = Volume
-    unittest.main(warnings="ignore")  # rospy's own
+    unittest.main(warnings="ignore")  # warnings of rospy

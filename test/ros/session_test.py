@@ -25,7 +25,7 @@ from node_client import NAMESPACE, Latest, Launch, Node, Tool, call, is_sent, wa
 from replay_test import Checksums  # noqa: E402
 
 FIRST, SECOND = "phantom:48x32x40", "phantom:40x28x36"
-SECONDS = 60.0  # that anything may take on a busy machine
+SECONDS = 60.0  # time limit on a busy machine
 SCENE = """material: {file: LAUNCH/materials/phantom.yaml}
 mesh: {coarse_cells: [8, 6, 7], ratio: 2}
 model: {method: fine}
@@ -54,7 +54,8 @@ class SessionTest(unittest.TestCase):
 
     @classmethod
     def record(cls):
-        # a replay has every change; a live volume has those below the scan's noise at rest only, unless asked for
+        # a replay contains every change; a live volume contains changes below the scan's noise only at rest, unless
+        # requested
         with open(cls.folder + "/params.yaml", "w") as file:
             file.write("volume_threshold: 0\n")
         live = Launch("tissue.launch", scan=FIRST, scene=cls.folder + "/scene.yaml", params=cls.folder + "/params.yaml", tool_max_age="1", parent_frame="")
@@ -136,7 +137,8 @@ class SessionTest(unittest.TestCase):
             finally:
                 launch.stop()
                 volumes.close()
-            # rosbag play ends without waiting for what it has not sent yet: on a busy machine the end may not come. What has come is shown
+            # rosbag play exits without waiting for unsent messages, so on a busy machine the end may be missing;
+            # received states are shown
             shown = int(re.search(r"replay: (\d+) states shown, 0 dropped", launch.said()).group(1))
             self.assertLess(shown, self.states, "states that came, the last of which gave no volume")
         replayed = volumes.all()

@@ -1,4 +1,4 @@
-// What a recorded turn says is done, by a library that is newer than the recording, too. No ROS, no clock.
+// A recorded step is executed as recorded by a newer library, too. No ROS, no clock.
 #include "../pipeline/body.h"
 #include "ros/sim/stepping.h"
 
@@ -12,7 +12,7 @@ using pliant_ros::ToolInput;
 const int size[3] = {6, 6, 6};
 const double box[3] = {0.12, 0.12, 0.12};
 
-// A turn with a forceps in the tissue: grasp/kind is auto, and a node of today records of it no jaw that closes.
+// A step with a forceps in the tissue: grasp/kind is auto, and a current node records no closing jaw for it.
 Step turn(const pliant_tool_shape &shape, bool closes)
 {
     Step step;

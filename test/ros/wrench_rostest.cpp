@@ -1,5 +1,5 @@
-// A hand that moves at 1 kHz: poses are answered, the tissue gives no more energy than it got, and between steps the force moves with the
-// hand. How long answers take is told, and bounded only loosely: the machine that tests may be busy.
+// A hand that moves at 1 kHz: poses are answered, the tissue returns no more energy than it got, and the force follows
+// the hand between steps. Response times are reported, and bounded only loosely, because the test machine may be busy.
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
 #include <gtest/gtest.h>
@@ -23,10 +23,10 @@ namespace {
 
 struct Answer {
     double force[3];
-    double seconds; // after the pose was sent
+    double seconds; // time after the pose was sent
 };
 
-// As a robot's console does it, where it may: it is not its own lateness that is to be told.
+// Use real-time priority if permitted, as a robot's console does, so that only the node's delay is measured.
 void take_priority()
 {
     sched_param priority{};
@@ -34,7 +34,7 @@ void take_priority()
     pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
 }
 
-// Poses in the tissue's frame at 1 kHz, and what comes back to each.
+// Send poses in the tissue's frame at 1 kHz, and receive the answer to each.
 class Hand {
 public:
     Hand()
@@ -108,7 +108,7 @@ public:
         std::lock_guard<std::mutex> hold(lock_);
         return contact_;
     }
-    pliant::MeshTopologyConstPtr topology() // empty: none has come
+    pliant::MeshTopologyConstPtr topology() // empty: not received
     {
         std::lock_guard<std::mutex> hold(lock_);
         return topology_;
@@ -120,7 +120,7 @@ private:
     ros::Publisher pose_, jaw_;
     ros::Subscriber force_in_, contact_in_, topology_in_;
     std::unique_ptr<ros::AsyncSpinner> spinner_;
-    std::mutex lock_; // of what follows
+    std::mutex lock_; // guards the members below
     pliant::ContactState contact_;
     pliant::MeshTopologyConstPtr topology_;
     std::map<uint64_t, double> sent_;
@@ -187,7 +187,7 @@ TEST(Wrench, AHandAtOneKilohertz)
     EXPECT_GT(answers.size(), 0.5 * way.size());
     EXPECT_LT(share(late, 0.5), 5);
 
-    // energy: a force stays until the next one is answered
+    // energy: a force acts until the next one is answered
     double in = 0, out = 0, least = 0, most = 0, moves = 0, last_pull = 0;
     const Answer *last = nullptr;
     for (const auto &pose : way) {
@@ -206,7 +206,7 @@ TEST(Wrench, AHandAtOneKilohertz)
     printf("largest force %.2f N, energy in %.5f J, out %.5f J, least left %.2g J (%.3f %%)\n", most, in, out, least, 100 * least / in);
     EXPECT_GT(most, 0.3);
     EXPECT_GT(moves, 0.9 * answers.size()) << "forces of steps alone change 50 times a second";
-    if (late.back() < 20) EXPECT_GE(least, -0.01 * in); // what is on its way for longer, no node can know
+    if (late.back() < 20) EXPECT_GE(least, -0.01 * in); // with a longer delay the node cannot guarantee passivity
     else printf("an answer took %.0f ms: energy was not judged\n", late.back());
     EXPECT_TRUE(keep(&hand, at, false, 5, [&] { return !hand.contact().grasped; }));
 }

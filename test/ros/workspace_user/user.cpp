@@ -1,4 +1,4 @@
-// Sends a message of Pliant through its serialized form and calls a function of the ROS layer and one of the C library.
+// Serialize a message of Pliant, and call a function of the ROS layer and one of the C library.
 #include <pliant/ToolInput.h>
 #include <pliant/ros/convert.h>
 
