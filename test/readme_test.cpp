@@ -1,6 +1,8 @@
-// The documents: the option table is the printed one, links lead to files and headings, tests and benchmarks that
-// figures name exist, and no document is longer than a reader can search.
+// The documents: the table of scene options is the table that the program prints. Links, files, YAML examples, options of commands,
+// and tests and benchmarks exist. No document is longer than a reader can search.
 #include "programs/options_table.h"
+
+#include "pliant/pliant.h"
 
 #include <cctype>
 #include <cstdio>
@@ -13,6 +15,7 @@
 #include <sstream>
 #include <string>
 #include <sys/stat.h>
+#include <unistd.h>
 #include <vector>
 
 namespace {
@@ -69,6 +72,23 @@ std::vector<std::string> text_lines(const std::string &document)
     return out;
 }
 
+/* Code blocks of a language. */
+std::vector<std::string> code_blocks(const std::string &document, const std::string &language)
+{
+    std::vector<std::string> out;
+    std::stringstream stream(document);
+    bool is_code = false, is_of = false;
+    for (std::string line; std::getline(stream, line);) {
+        if (line.compare(0, 3, "```") == 0) {
+            is_code = !is_code;
+            is_of = is_code && line.substr(3) == language;
+            if (is_of) out.emplace_back();
+        } else if (is_of)
+            out.back() += line + "\n";
+    }
+    return out;
+}
+
 /* Names by which links reach headings: lower case, blanks become hyphens, other marks vanish. */
 std::set<std::string> anchors(const std::string &document)
 {
@@ -90,6 +110,37 @@ bool is_there(const std::string &path)
 {
     struct stat status;
     return stat(path.c_str(), &status) == 0;
+}
+
+/* Read an example with the reader of its kind. */
+pliant_status read_example(const std::string &path, const std::string &text)
+{
+    const auto has = [&](const char *group) { return text.compare(0, std::string(group).size(), group) == 0; };
+    pliant_status status;
+    if (has("materials:")) {
+        pliant_material_table table = {};
+        status = pliant_material_table_read(path.c_str(), &table);
+        pliant_material_table_free(&table);
+    } else if (has("tools:")) {
+        pliant_path tools = {};
+        status = pliant_path_read(path.c_str(), &tools);
+        pliant_path_free(&tools);
+    } else {
+        pliant_scene scene;
+        pliant_scene_defaults(&scene);
+        status = pliant_scene_read(path.c_str(), &scene);
+    }
+    return status;
+}
+
+std::string help_of(const std::string &program)
+{
+    std::string out;
+    FILE *pipe = popen((program + " --help 2>&1").c_str(), "r");
+    char text[4096];
+    while (pipe && std::fgets(text, sizeof text, pipe)) out += text;
+    if (pipe) pclose(pipe);
+    return out;
 }
 
 std::string printed_table()
@@ -174,7 +225,6 @@ TEST(Readme, ProgramsThatFiguresNameExist)
     int filters = 0;
     for (const Document &document : DOCUMENTS) {
         const std::string path = document.path;
-        if (path.find("NUMERICS.md") == std::string::npos) continue;
         for (const std::string &line : text_lines(read(root + path)))
             for (std::sregex_iterator found(line.begin(), line.end(), command), none; found != none; ++found) {
                 const std::string source = source_of((*found)[1]), filter = (*found)[2];
@@ -185,6 +235,68 @@ TEST(Readme, ProgramsThatFiguresNameExist)
             }
     }
     EXPECT_GT(filters, 20);
+}
+
+/* `sim/step/step.c` and the like may begin in the top folder, in src, in launch, or in the document's folder. */
+TEST(Readme, NamedFilesExist)
+{
+    const std::regex file("[`( ]([A-Za-z_0-9]+/[A-Za-z_0-9/.]+\\.(?:c|h|cpp|cu|py|yaml|launch|msg|srv|md|rviz))[`) \n]");
+    int count = 0;
+    for (const Document &document : DOCUMENTS) {
+        const std::string path = document.path, folder = path.substr(0, path.find_last_of('/') + 1);
+        const std::string text = read(root + path);
+        for (std::sregex_iterator found(text.begin(), text.end(), file), none; found != none; ++found) {
+            const std::string name = (*found)[1];
+            if (name.find("NAME") != std::string::npos || name.find("data/") == 0) continue;
+            bool is_found = false;
+            for (const std::string &where : {root, root + "src/", root + "src/fem/", root + "launch/", root + "include/", root + folder})
+                is_found = is_found || is_there(where + name);
+            EXPECT_TRUE(is_found) << path << " names " << name;
+            count++;
+        }
+    }
+    EXPECT_GT(count, 50);
+}
+
+TEST(Readme, ExamplesCanBeRead)
+{
+    char folder[] = "/tmp/pliant_readme_XXXXXX";
+    ASSERT_NE(mkdtemp(folder), nullptr);
+    const std::string file = std::string(folder) + "/example.yaml";
+    int count = 0;
+    for (const Document &document : DOCUMENTS)
+        for (const std::string &text : code_blocks(read(root + document.path), "yaml")) {
+            std::ofstream(file) << text;
+            EXPECT_EQ(read_example(file, text), PLIANT_OK) << document.path << ": " << pliant_last_error() << "\n" << text;
+            count++;
+        }
+    EXPECT_GT(count, 8);
+    unlink(file.c_str());
+    EXPECT_EQ(rmdir(folder), 0);
+}
+
+TEST(Readme, CommandsHaveTheirOptions)
+{
+    const std::vector<std::pair<std::string, std::string>> programs = {{"pliant_deform", help_of(PLIANT_DEFORM)},
+                                                                       {"pliant_report", help_of(PLIANT_REPORT_PROGRAM)},
+                                                                       {"pliant_segment", help_of(PLIANT_SEGMENT_PROGRAM)},
+                                                                       {"pliant_fit", help_of(PLIANT_FIT_PROGRAM)}};
+    const std::regex option("(--[a-z][a-z-]*)");
+    int count = 0;
+    for (const Document &document : DOCUMENTS) {
+        std::stringstream stream(read(root + document.path));
+        for (std::string line; std::getline(stream, line);)
+            for (const auto &program : programs) {
+                size_t from = line.find(program.first + " ");
+                if (from == std::string::npos) continue;
+                const std::string command = line.substr(from, line.find_first_of("#`", from) - from);
+                for (std::sregex_iterator found(command.begin(), command.end(), option), none; found != none; ++found) {
+                    EXPECT_NE(program.second.find((*found)[1]), std::string::npos) << document.path << ": " << command;
+                    count++;
+                }
+            }
+    }
+    EXPECT_GT(count, 50);
 }
 
 } // namespace
