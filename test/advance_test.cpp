@@ -284,7 +284,7 @@ Outcome try_legs(pliant_part_kind kind, const pliant_solid *solid, int count, ui
         Leg leg;
         choose_part(kind, solid, random, leg.part);
         choose_motion(random, leg);
-        leg.leg.guard = pliant_advance_guard(&leg.part, random.wide(1e-3, 0.1));
+        leg.leg.guard = pliant_advance_guard(&settings, &leg.part, random.wide(1e-3, 0.1));
         leg.finish(kind != PLIANT_PART_HALF_SPACE);
         choose_triangle(random, leg);
         const double first = leg.is_convex ? leg.sharp_distance(0) : 0.9 * leg.distance(0), limit = leg.limit(first);
@@ -338,7 +338,7 @@ TEST_P(AdvanceKind, FindsTheSmallestDistance)
         Leg leg;
         choose_part(GetParam(), GetParam() == PLIANT_PART_SOLID ? hull() : nullptr, random, leg.part);
         choose_motion(random, leg);
-        leg.leg.guard = pliant_advance_guard(&leg.part, 0.1);
+        leg.leg.guard = pliant_advance_guard(&settings, &leg.part, 0.1);
         leg.finish(GetParam() != PLIANT_PART_HALF_SPACE);
         choose_triangle(random, leg);
         leg.leg.to = leg.leg.from;

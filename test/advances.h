@@ -12,6 +12,8 @@
 using Vector = std::array<double, 3>;
 using Corners = std::array<Vector, 3>;
 
+static const pliant_contact_settings settings = pliant_contact_settings_default();
+
 struct Advance {
     pliant_advance *room = nullptr;
     Advance() { EXPECT_EQ(pliant_advance_create(nullptr, &room), PLIANT_OK); }

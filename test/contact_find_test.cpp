@@ -36,7 +36,8 @@ struct Moving {
         moving.way = std::sqrt(way);
         moving.kind = PLIANT_OBSTACLE_TOOL;
         moving.friction = 0.2;
-        moving.guard = pliant_advance_guard(&part, 0.005);
+        const pliant_contact_settings settings = pliant_contact_settings_default();
+        moving.guard = pliant_advance_guard(&settings, &part, 0.005);
         moving.margin = 1e-3;
         moving.recovery = 2e-3;
     }
@@ -55,7 +56,7 @@ struct Sheet : Body {
         fix_plane(0.001, 0, 0, 1, 0, 0);
         cells(across, across, 1, 1);
         EXPECT_EQ(build(), PLIANT_OK) << pliant_last_error();
-        EXPECT_EQ(pliant_finder_create(&finder), PLIANT_OK);
+        EXPECT_EQ(pliant_finder_create(nullptr, &finder), PLIANT_OK);
     }
     ~Sheet() { pliant_finder_free(finder); }
     pliant_status find(const pliant_moving_part *part, Found &found, int count = 1)

@@ -215,6 +215,7 @@ pliant_status find(gpu_tissue *gpu, pliant_tissue *tissue, const double *positio
     CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_positions, positions, gpu->positions_bytes, cudaMemcpyHostToDevice, gpu->stream)));
     if (rule) {
         gpu->view.rule = *rule;
+        gpu->view.settings = *rule->settings;
         CUDA_TRY(CUDA_CALL(cudaMemcpyAsync(gpu->d_last, tissue->last, gpu->last_bytes, cudaMemcpyHostToDevice, gpu->stream)));
     }
     CUDA_TRY(gpu_overlaps_find(gpu->overlaps, gpu->d_positions, margin, gpu->stream, rule ? enqueue : NULL, gpu, &tissue->num_overlaps));

@@ -3,6 +3,7 @@
 #ifndef PLIANT_STATE_MODEL_H
 #define PLIANT_STATE_MODEL_H
 
+#include "contact/settings.h"
 #include "pliant/contact.h"
 #include "pliant/model.h"
 
@@ -31,6 +32,7 @@ typedef struct pliant_discretization {
 
 struct pliant_model {
     pliant_scene scene;
+    pliant_contact_settings contact;  /* with what the scene sets of them */
     const pliant_volume *scan;        /* borrowed; outlives the model */
     const pliant_volume *drawn;       /* the deformed volume: the scan, or `seen` */
     pliant_volume seen;               /* warp/hide_empty: the scan without voxels of empty materials */

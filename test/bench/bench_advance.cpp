@@ -83,7 +83,7 @@ void measure(const char *name, const std::vector<pliant_tool_shape> &shapes, int
                 pliant_advance_part part{};
                 part.part = &shapes[s].part[p];
                 part.shape = &shapes[s];
-                part.guard = pliant_advance_guard(part.part, 0.01);
+                part.guard = pliant_advance_guard(&settings, part.part, 0.01);
                 part.from = {{x, y, 0}, {std::sin(0.5 * tilt), 0, 0, std::cos(0.5 * tilt)}, jaw};
                 own.push_back(part);
             }
@@ -162,6 +162,8 @@ void measure_self(int across, double gap, double way, int threads)
 }
 
 } // namespace
+
+static const pliant_contact_settings settings = pliant_contact_settings_default();
 
 int main(int argc, char **argv)
 {

@@ -8,16 +8,11 @@
 #include <math.h>
 #include <stdlib.h>
 
-pliant_advance_rule pliant_advance_rule_default(void)
-{
-    return (pliant_advance_rule){.keep = 0.1, .stop = 0.5, .floor = 0.02, .slack = 1e-12};
-}
-
-pliant_status pliant_advance_create(const pliant_advance_rule *rule, pliant_advance **out)
+pliant_status pliant_advance_create(const pliant_contact_settings *settings, pliant_advance **out)
 {
     pliant_advance *advance = pliant_calloc(1, sizeof *advance);
     if (!advance) return pliant_fail_memory("contact advance");
-    advance->rule = rule ? *rule : pliant_advance_rule_default();
+    advance->settings = settings ? *settings : pliant_contact_settings_default();
     *out = advance;
     return PLIANT_OK;
 }
@@ -57,7 +52,7 @@ static int64_t step_all(pliant_advance *advance, const surface *of, int num_thre
         pliant_advance_pair *pair = advance->pair + n;
         const pliant_advance_triangle triangle = triangle_of(of, pair);
         int64_t own = 0;
-        pair->ends = pliant_advance_pair_step(&advance->rule, advance->motion + pair->part, &triangle, pair, &own);
+        pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair, &own);
         distances += own;
     }
     return distances;
@@ -98,7 +93,7 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
     const surface of = {triangles, from, to};
     const int threads = pliant_threads_of(num_threads);
     double margin = 0;
-    for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->rule.stop * parts[p].guard);
+    for (int32_t p = 0; p < count; p++) margin = fmax(margin, advance->settings.advance_stop * parts[p].guard);
     pliant_status status =
         pliant_advance_near(advance, num_triangles, triangles, from, to, count, parts, margin, false, threads);
     if (status == PLIANT_OK) status = pliant_advance_reserve_ranks(advance, advance->num_pairs);
@@ -111,7 +106,7 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
         const pliant_advance_triangle triangle = triangle_of(&of, pair);
         if (pair->t >= out->t) break; /* so are the others */
         while (!pair->ends && pair->t < out->t)
-            pair->ends = pliant_advance_pair_step(&advance->rule, advance->motion + pair->part, &triangle, pair,
+            pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair,
                                                   &out->distances);
         if (pair->t >= out->t) continue;
         out->t = pair->t;

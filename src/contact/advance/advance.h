@@ -13,23 +13,12 @@
 #ifndef PLIANT_CONTACT_ADVANCE_H
 #define PLIANT_CONTACT_ADVANCE_H
 
+#include "contact/settings.h"
 #include "pliant/contact.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* How near a pair may come: max(min(keep d, stop guard), min(floor guard, d - slack)), where d is its core distance at
- * the start of the leg. A pair whose distance stays above that limit does not shorten the leg. */
-typedef struct pliant_advance_rule {
-    double keep; /* fraction of d; 0.1: a leg uses up at most nine tenths of a distance, as continuous collision filters
-                  * do (Li et al., Incremental Potential Contact, ACM Trans. Graph. 39(4), 2020, keep 0.2) */
-    double stop; /* fraction of the guard; 0.5: from farther away a pair may come to half of the guard at once */
-    double floor; /* fraction of the guard; 0.02: no pair comes nearer than this, and nearer pairs only separate */
-    double slack; /* approach of a pair below the floor in one leg; 1e-12: rounding does not block tissue that moves
-                   * with a part [m] */
-} pliant_advance_rule;
-pliant_advance_rule pliant_advance_rule_default(void);
 
 /* Pose of a tool: its tip [m], its rotation (quaternion x y z w), its jaw angle [rad]. */
 typedef struct pliant_tool_pose {
@@ -62,13 +51,12 @@ typedef struct pliant_advance_result {
 
 /* Buffers, kept from leg to leg. */
 typedef struct pliant_advance pliant_advance;
-/* @param rule Nullable: the default. Errors: MEMORY */
-pliant_status pliant_advance_create(const pliant_advance_rule *rule, pliant_advance **out);
+/* @param settings Nullable: the defaults. Errors: MEMORY */
+pliant_status pliant_advance_create(const pliant_contact_settings *settings, pliant_advance **out);
 void pliant_advance_free(pliant_advance *advance); /* Nullable */
 
-/* The depth from a part's surface to its core [m]: min(2 mm, 0.4 of its depth, 0.3 of the smallest cell of the
- * mesh [m]). */
-double pliant_advance_guard(const pliant_part *part, double smallest_cell);
+/* The depth from a part's surface to its core [m], of a mesh with this smallest cell [m]. */
+double pliant_advance_guard(const pliant_contact_settings *settings, const pliant_part *part, double smallest_cell);
 
 /* The largest fraction of a leg. The result does not depend on the number of threads.
  * @param triangles (num_triangles x 3) nodes of the surface; @param from, to (nodes x 3) positions at both ends of the

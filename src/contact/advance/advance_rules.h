@@ -21,10 +21,13 @@ PLIANT_INLINE void pliant_advance_cross(const double *a, const double *b, double
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* How near a pair may come in a leg that it begins at a distance. */
-PLIANT_INLINE double pliant_advance_limit(const pliant_advance_rule *rule, double guard, double distance)
+/* How near a pair may come in a leg that it begins at a distance. A pair whose distance stays above this limit does not
+ * shorten the leg. */
+PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
-    return fmax(fmin(rule->keep * distance, rule->stop * guard), fmin(rule->floor * guard, distance - rule->slack));
+    const double slack = 1e-12; /* rounding does not block tissue that moves with a part [m] */
+    return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
+                fmin(settings->advance_floor * guard, distance - slack));
 }
 
 /* The largest s for which distance + rate s - bend s^2 / 2 is not below 0 anywhere in [0, s]; bend >= 0. */

@@ -19,10 +19,10 @@ void pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_po
     out->jaw = begin.jaw + t * (end.jaw - begin.jaw);
 }
 
-double pliant_advance_guard(const pliant_part *part, double smallest_cell)
+double pliant_advance_guard(const pliant_contact_settings *settings, const pliant_part *part, double smallest_cell)
 {
-    const double deepest = 2e-3, of_depth = 0.4, of_cell = 0.3;
-    return fmin(deepest, fmin(of_depth * pliant_part_depth(part), of_cell * smallest_cell));
+    return fmin(settings->guard_depth,
+                fmin(settings->guard_of_part * pliant_part_depth(part), settings->guard_of_cell * smallest_cell));
 }
 
 /* The signed distance from the result is at most that from the part plus the guard, and equal to it around shapes

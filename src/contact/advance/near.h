@@ -19,7 +19,7 @@ typedef struct pliant_advance_rank {
 } pliant_advance_rank;
 
 struct pliant_advance {
-    pliant_advance_rule rule;
+    pliant_contact_settings settings;
     int32_t num_pairs, max_pairs, max_parts, max_triangles;
     pliant_advance_pair *pair; /* (max_pairs) in ascending order of parts, then triangles */
     int32_t max_ranks;

@@ -199,7 +199,7 @@ double pliant_advance_pair_distance(const pliant_advance_motion *motion, const p
     return now.cut.least;
 }
 
-bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion,
+bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pliant_advance_motion *motion,
                               const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances)
 {
     moment now = {.motion = motion, .triangle = triangle};
@@ -210,7 +210,7 @@ bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_adva
             pair->t = pair->exempt ? 1 : 0;
             return true;
         }
-        pair->limit = pliant_advance_limit(rule, motion->leg->guard, now.cut.least);
+        pair->limit = pliant_advance_limit(settings, motion->leg->guard, now.cut.least);
     }
     now.limit = pair->limit;
     const double distance = now.cut.least - now.limit;

@@ -20,7 +20,7 @@ void pliant_advance_triangle_init(const int32_t node[3], const double *from, con
 double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
                                     double t, double weight[3], int64_t *distances);
 /* Increase pair->t by one iteration. true: it reached 1, or it can increase no further. */
-bool pliant_advance_pair_step(const pliant_advance_rule *rule, const pliant_advance_motion *motion,
+bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pliant_advance_motion *motion,
                               const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances);
 
 #endif

@@ -305,7 +305,7 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
     ++*distances;
     if (pair->iterations == 0) {
         if (!(now.distance > 0)) return true;
-        pair->limit = pliant_advance_limit(&on->advance->rule, on->self->thickness, now.distance);
+        pair->limit = pliant_advance_limit(&on->advance->settings, on->self->thickness, now.distance);
     }
     if (!(now.distance >= pair->limit)) return true;
     const double ahead = step_of(on, pair, &now);
@@ -326,7 +326,7 @@ pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_tria
                                        int num_threads, pliant_advance_self_result *out)
 {
     search on = {
-        .advance = advance, .from = from, .to = to, .self = self, .margin = advance->rule.stop * self->thickness};
+        .advance = advance, .from = from, .to = to, .self = self, .margin = advance->settings.advance_stop * self->thickness};
     const int threads = pliant_threads_of(num_threads);
     pliant_advance_self_result result = {.t = 1, .node = {-1, -1, -1, -1}};
     advance->num_self = 0;

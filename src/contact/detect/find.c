@@ -6,11 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* an edge or a triangle counts where it is deeper than what borders it by this part of its size, of the part's depth, and by this much [m] */
-static const double sag_of_size = 0.02, sag_of_depth = 0.1, sag_of_guard = 0.35, most_sag = 5e-5;
-static const double behind = 0.25;   /* cosine between the part's normal and the tissue's, beyond which the part is behind the surface */
-static const double near_core = 0.6; /* of the guard depth: corners of triangles that are nearer to a core stay behind a plane */
-
 /* A part and the tissue around it, while they are searched. */
 typedef struct search {
     pliant_finder *finder;
@@ -177,14 +172,13 @@ static double meet(const search *on, pliant_feature *of, pliant_pose *pose, doub
 /* A part that slides along a feature, or presses it, is on the same side of it as the leg ends: it is nearest there to another point of the feature. */
 static void go_on_to_end(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3], double *distance)
 {
-    const double same = 0.7; /* cosine */
     const pliant_moving_part *part = on->part;
     pliant_feature there = *of;
     double turned[3], first[3], last[3];
     const double apart = distance_of(on, &part->end, &there, part->margin, turned);
     pliant_pose_turn(pose, normal, first);
     pliant_pose_turn(&part->end, turned, last);
-    if (!(apart <= part->margin) || !(dot(first, last) > same)) return;
+    if (!(apart <= part->margin) || !(dot(first, last) > on->finder->settings.same_cosine)) return;
     *of = there;
     *pose = part->end;
     memcpy(normal, turned, 3 * sizeof *normal);
@@ -239,7 +233,7 @@ static void look(const search *on, pliant_feature *of)
     pliant_pose_from(&pose, point, local);
     const bool nowhere = dot(normal, normal) < 0.5;
     pliant_pose_turn(&pose, normal, world);
-    if (!nowhere && dot(world, of->outwards) > behind * sqrt(dot(of->outwards, of->outwards))) return;
+    if (!nowhere && dot(world, of->outwards) > on->finder->settings.behind_cosine * sqrt(dot(of->outwards, of->outwards))) return;
     for (int d = 0; d < 3; d++) place[d] = local[d] - distance * normal[d];
     if (nowhere && !turn_outwards(on, &pose, of, local, normal, place)) return;
     carry_to_end(on, of, point, normal, place);
@@ -262,16 +256,17 @@ static bool has_pressed(const search *on, const pliant_feature *of)
 }
 
 /* The gap of what borders a feature, if it says the same: along about the same normal. Otherwise the feature is needed, however deep it is. */
-static double gap_of(const pliant_feature *border, const pliant_feature *of)
+static double gap_of(const search *on, const pliant_feature *border, const pliant_feature *of)
 {
-    const double same = 0.7; /* cosine */
-    return border->touches && dot(border->normal, of->normal) > same ? border->gap : INFINITY;
+    return border->touches && dot(border->normal, of->normal) > on->finder->settings.same_cosine ? border->gap : INFINITY;
 }
 
 /* An edge or a triangle touches where it is deeper than what borders it; one that has pushed goes on until it is higher. */
 static void keep_if_deeper(const search *on, pliant_feature *of, double gap, double size)
 {
-    const double left = on->part->guard - on->part->off, sag = fmin(fmin(fmin(sag_of_size * size, sag_of_depth * pliant_part_depth(on->part->part)), most_sag), sag_of_guard * left);
+    const pliant_contact_settings *settings = &on->finder->settings;
+    const double left = on->part->guard - on->part->off;
+    const double sag = fmin(fmin(fmin(settings->sag_of_edge * size, settings->sag_of_part * pliant_part_depth(on->part->part)), settings->max_sag), settings->sag_of_guard * left);
     of->touches = of->touches && of->gap < gap + (has_pressed(on, of) ? sag : -sag);
     if (!of->touches) of->gap = INFINITY;
 }
@@ -284,14 +279,14 @@ static void keep_deeper(const search *on)
         const pliant_feature *ends[2] = {finder->node + finder->slot[edge->node[0]], finder->node + finder->slot[edge->node[1]]};
         const double *a = on->positions + 3 * (size_t)edge->node[0], *b = on->positions + 3 * (size_t)edge->node[1];
         const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-        if (edge->touches) keep_if_deeper(on, edge, fmin(gap_of(ends[0], edge), gap_of(ends[1], edge)), sqrt(dot(along, along)));
+        if (edge->touches) keep_if_deeper(on, edge, fmin(gap_of(on, ends[0], edge), gap_of(on, ends[1], edge)), sqrt(dot(along, along)));
     }
     for (int32_t t = 0; t < on->triangles; t++) {
         pliant_feature *face = finder->face + t;
         double gap = INFINITY;
         if (!face->touches) continue;
         for (int v = 0; v < 3; v++)
-            gap = fmin(gap, fmin(gap_of(finder->node + finder->slot[face->node[v]], face), gap_of(finder->edge + finder->edge_of[3 * t + v], face)));
+            gap = fmin(gap, fmin(gap_of(on, finder->node + finder->slot[face->node[v]], face), gap_of(on, finder->edge + finder->edge_of[3 * t + v], face)));
         keep_if_deeper(on, face, gap, sqrt(sqrt(dot(face->outwards, face->outwards))));
     }
 }
@@ -353,8 +348,8 @@ static int32_t compact(pliant_feature *features, int32_t count)
 static void write_plane(const search *on, const pliant_feature *face, double distance, int32_t triangle, const double normal[3], pliant_contacts *out)
 {
     const pliant_moving_part *part = on->part;
-    const double left = part->guard - part->off, core = distance + left, least = 0.3 * left;
-    const double away = (core < least ? core + 0.05 * left : 0.95 * core) - core; /* of the plane, beyond the triangle's nearest point */
+    const double step = on->finder->settings.plane_step, left = part->guard - part->off, core = distance + left, least = 0.5 * on->finder->settings.plane_distance * left;
+    const double away = (core < least ? core + step * left : (1 - step) * core) - core; /* of the plane, beyond the triangle's nearest point */
     double point[3], local[3], place[3], before[3];
     point_of(on, face, point);
     pliant_pose_from(&part->begin, point, local);
@@ -379,7 +374,7 @@ static void add_planes(const search *on, pliant_contacts *out)
         double normal[3];
         if (leaves_out(on, &face)) continue;
         const double left = on->part->guard - on->part->off, distance = distance_of(on, &on->part->begin, &face, 0, normal), core = distance + left;
-        if (core > near_core * left || !(core > 0) || dot(normal, normal) < 0.5) continue;
+        if (core > finder->settings.plane_distance * left || !(core > 0) || dot(normal, normal) < 0.5) continue;
         write_plane(on, &face, distance, triangle, normal, out);
     }
 }

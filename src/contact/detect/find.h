@@ -31,7 +31,8 @@ typedef struct pliant_moving_part {
 
 /* Room for the search; nothing of it outlives one. */
 typedef struct pliant_finder pliant_finder;
-pliant_status pliant_finder_create(pliant_finder **out); /* Errors: MEMORY */
+/* @param settings Nullable: the defaults. Errors: MEMORY */
+pliant_status pliant_finder_create(const pliant_contact_settings *settings, pliant_finder **out);
 void pliant_finder_free(pliant_finder *finder);          /* Nullable */
 
 /* Room for more points. Errors: MEMORY (nothing changed). */

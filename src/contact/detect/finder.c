@@ -7,10 +7,12 @@
 
 #include <string.h>
 
-pliant_status pliant_finder_create(pliant_finder **out)
+pliant_status pliant_finder_create(const pliant_contact_settings *settings, pliant_finder **out)
 {
     *out = pliant_calloc(1, sizeof **out);
-    return *out ? PLIANT_OK : pliant_fail_memory("contacts");
+    if (!*out) return pliant_fail_memory("contacts");
+    (*out)->settings = settings ? *settings : pliant_contact_settings_default();
+    return PLIANT_OK;
 }
 
 void pliant_finder_free(pliant_finder *finder)

@@ -20,6 +20,7 @@ typedef struct pliant_feature {
 } pliant_feature;
 
 struct pliant_finder {
+    pliant_contact_settings settings;
     pliant_broad broad;
     int32_t room_triangles;
     int32_t *triangle;      /* near a part */

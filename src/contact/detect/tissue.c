@@ -9,9 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double blunt = 0.95;     /* cosine between normals on both sides of an edge, beyond which it is none */
-static const double farthest = 0.5;   /* of the shortest edge: edges that cross are no deeper */
-
 typedef struct finding {
     pliant_tissue *tissue;
     pliant_tissue_view view;
@@ -83,7 +80,7 @@ static void spread(const finding *on)
             for (int32_t a = tissue->around_start[n]; a < tissue->around_start[n + 1] && tissue->count[n] == 0; a++) {
                 const int32_t beside = tissue->index_of[tissue->around[a]];
                 const pliant_touching *one = tissue->touching + PLIANT_TOUCHINGS * (size_t)beside;
-                if (tissue->count[beside] > 0 && one->gap < -farthest * tissue->shortest) try_deep(on, n, tissue->skin[one->skin].tet);
+                if (tissue->count[beside] > 0 && one->gap < -on->view.settings.edge_depth * tissue->shortest) try_deep(on, n, tissue->skin[one->skin].tet);
             }
             more = more || tissue->count[n] > 0;
         }
@@ -154,11 +151,12 @@ static bool touches_any(const finding *on, int32_t tet)
 }
 
 /* The mean of the normals on both sides. false: there is no edge to speak of */
-static bool edge_normal(const pliant_tissue *tissue, int32_t skin, int edge, double out[3])
+static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3])
 {
+    const pliant_tissue *tissue = on->tissue;
     const int32_t beside = tissue->skin[skin].beside[edge];
     for (int d = 0; d < 3; d++) out[d] = tissue->normal[skin][d] + (beside >= 0 ? tissue->normal[beside][d] : 0);
-    return beside < 0 || pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < blunt;
+    return beside < 0 || pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < on->view.settings.flat_cosine;
 }
 
 /* whether a point, seen from the edge, is below both triangles */
@@ -196,7 +194,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     pliant_tissue_cross(u, to, side);
     const double t = pliant_tissue_dot(side, normal) / square;
     if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
-    if (!edge_normal(tissue, a, i, outwards[0]) || !edge_normal(tissue, b, j, outwards[1])) return PLIANT_OK;
+    if (!edge_normal(on, a, i, outwards[0]) || !edge_normal(on, b, j, outwards[1])) return PLIANT_OK;
     const double sign = pliant_tissue_dot(normal, outwards[1]) > 0 ? 1 : -1;
     for (int d = 0; d < 3; d++) normal[d] *= sign / sqrt(square);
     const double gap = pliant_tissue_dot(to, normal);
@@ -206,7 +204,7 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
         across[1][d] = pliant_tissue_place_of(&on->view, node[2])[d] + t * w[d] - pliant_tissue_place_of(&on->view, node[0])[d];
     }
     if (!is_below(tissue, b, j, across[0]) || !is_below(tissue, a, i, across[1])) return PLIANT_OK;
-    if (!(gap < 0 && gap > -farthest * tissue->shortest) || !(pliant_tissue_dot(normal, outwards[0]) < 0) || !(pliant_tissue_dot(normal, outwards[1]) > 0)) return PLIANT_OK;
+    if (!(gap < 0 && gap > -on->view.settings.edge_depth * tissue->shortest) || !(pliant_tissue_dot(normal, outwards[0]) < 0) || !(pliant_tissue_dot(normal, outwards[1]) > 0)) return PLIANT_OK;
     if (pliant_tissue_piece_of(&on->view, node[0]) >= 0 && pliant_tissue_piece_of(&on->view, node[0]) == pliant_tissue_piece_of(&on->view, node[2])) return PLIANT_OK;
     if (pliant_tissue_is_fixed(&on->view, node[0]) && pliant_tissue_is_fixed(&on->view, node[1]) && pliant_tissue_is_fixed(&on->view, node[2]) && pliant_tissue_is_fixed(&on->view, node[3])) return PLIANT_OK;
     pliant_contact_point *point = append(out);
@@ -328,7 +326,7 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
 {
     const pliant_body *body = tissue->body;
     return (pliant_tissue_view){
-        .positions = positions, .rule = *rule, .shortest = tissue->shortest, .tets = body->fine.tets, .across = tissue->across, .apart = tissue->apart,
+        .positions = positions, .rule = *rule, .settings = rule->settings ? *rule->settings : pliant_contact_settings_default(), .shortest = tissue->shortest, .tets = body->fine.tets, .across = tissue->across, .apart = tissue->apart,
         .fixed = body->fine_fixed, .node_parent = body->cuts ? body->node_parent : NULL, .piece = tissue->piece, .skin = tissue->skin,
         .skin_start = tissue->skin_start, .node = tissue->node, .around_start = tissue->around_start, .around = tissue->around,
         .fan_start = tissue->fan_start, .fan = tissue->fan, .last = tissue->last, .normal = tissue->normal, .count = tissue->count, .touching = tissue->touching,
@@ -337,7 +335,10 @@ pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *po
 
 pliant_status pliant_tissue_find(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *given, pliant_contacts *out)
 {
-    const pliant_tissue_rule moving = {find_margin(tissue, positions, given->margin), given->recovery, given->friction, given->pieces_go, given->nodes, given->stays};
+    const pliant_contact_settings defaults = pliant_contact_settings_default();
+    pliant_tissue_rule moving = *given;
+    moving.margin = find_margin(tissue, positions, given->margin);
+    if (!moving.settings) moving.settings = &defaults;
     const finding on = {.tissue = tissue, .view = pliant_tissue_view_of(tissue, positions, &moving)};
     const int32_t before_all = out->count;
     pliant_status status = pliant_tissue_searched(tissue, positions, &moving) ? PLIANT_OK : search(&on);

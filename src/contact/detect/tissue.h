@@ -12,6 +12,7 @@
 #define PLIANT_CONTACT_TISSUE_H
 
 #include "contact/contact.h"
+#include "contact/settings.h"
 #include "contact/detect/grid.h"
 
 #ifdef __cplusplus
@@ -100,6 +101,7 @@ struct pliant_tissue_rule {
     double pieces_go;          /* quasi-static: how far pieces that have come off may go in this step, which are looked for so far away [m] */
     const double *nodes;       /* Nullable: (nodes x 3) where nodes are, by which fragments of a cut are; NULL: as the surface's corners [m] */
     double stays;              /* and this share of it is left (pliant_contact_left) */
+    const pliant_contact_settings *settings; /* Nullable: the defaults */
 };
 
 /* Appends the points, ascending by feature: its top byte is PLIANT_TISSUE_NODE, _EDGE, _CUT or _SLID (follow.h).

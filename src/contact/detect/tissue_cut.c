@@ -13,8 +13,6 @@
 
 static const double folded = 0.1; /* a face that lies less than so far along the cut around it is none: of its links' area */
 
-static const double opposite = 3; /* squared length of the sum of unit normals, one of them turned round, that are 60 degrees apart */
-
 /* of a severed link */
 typedef struct parting {
     int32_t tet[2], number;
@@ -339,9 +337,6 @@ static int compare_slots(const void *a, const void *b)
     return one->x != other->x ? (one->x > other->x) - (one->x < other->x) : (one->side > other->side) - (one->side < other->side);
 }
 
-/* Part of an element's length: sides that are in one another by more do not slide along each other, they belong to a fold or to both ends of a wedge */
-static const double deepest = 0.02;
-
 /* Of a side that has slid away from its own: the one that it is opposite now, least far off. -1: none */
 static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *faces, const slot *slots, int32_t count, const int32_t *piece, int32_t number,
                              const double *positions, const pliant_tissue_rule *rule, meeting *best)
@@ -361,7 +356,7 @@ static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *fac
         const side q = {faces + slots[low].side / 2, slots[low].side % 2};
         meeting met;
         if (tet_of(&q) == tet_of(&p) || (own >= 0 && piece[body->fine.tets[4 * (size_t)tet_of(&q)]] == own)) continue;
-        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > opposite) || !(met.gap <= rule->margin) || !(met.gap > -deepest * sqrt(size)) || met.off > size) continue;
+        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > rule->settings->opposite) || !(met.gap <= rule->margin) || !(met.gap > -rule->settings->slide_depth * sqrt(size)) || met.off > size) continue;
         if ((found >= 0 && !(met.off < best->off)) || !moves(body, &p, &q)) continue;
         found = slots[low].side;
         *best = met;

@@ -12,13 +12,13 @@ extern "C" {
 #endif
 
 #define PLIANT_TISSUE_BORDER 1e-6 /* weights that far below 0 are of points beside a triangle or a tetrahedron */
-#define PLIANT_TISSUE_HOLDS 0.02  /* and of a triangle that it touched in the step before: at a border it would come and go with every step */
 enum { PLIANT_TISSUE_MOST_WAY = 64 /* tetrahedra or triangles from one to a point */ };
 
 /* Of struct pliant_tissue and its body, what the search asks. */
 typedef struct pliant_tissue_view {
     const double *positions;
     pliant_tissue_rule rule;
+    pliant_contact_settings settings;   /* of the rule */
     double shortest;
     const int32_t *tets, *across;
     const uint8_t *apart, *fixed;       /* fixed: Nullable */
@@ -169,9 +169,8 @@ PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32
 /* whether some of the surface around a node faces a triangle */
 PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t skin)
 {
-    const double facing = 0.1; /* cosine between normals that face each other, and more */
     for (int32_t k = on->fan_start[index]; k < on->fan_start[index + 1]; k++)
-        if (pliant_tissue_dot(on->normal[on->fan[k]], on->normal[skin]) < -facing) return true;
+        if (pliant_tissue_dot(on->normal[on->fan[k]], on->normal[skin]) < -on->settings.facing_cosine) return true;
     return false;
 }
 
@@ -180,7 +179,6 @@ PLIANT_INLINE bool pliant_tissue_before(const pliant_touching *a, const pliant_t
 /* From inside the shortest way out alone, and that before any other; from outside what bounds the node's way, each direction once. */
 PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t index, pliant_touching *one)
 {
-    const double alike = 0.7; /* cosine between normals of triangles that push one way: a node needs one of them */
     const bool beside = !pliant_tissue_faces(on, index, one->skin); /* of blocks that lie flush, the walls of one are at the border of the other */
     pliant_touching *list = on->touching + PLIANT_TOUCHINGS * (size_t)index;
     int32_t count = on->count[index], at;
@@ -195,7 +193,7 @@ PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t inde
         return;
     }
     for (int32_t n = 0; n < count; n++)
-        if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > alike) {
+        if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) { /* both push one way: the node needs one of them */
             if (pliant_tissue_before(one, list + n)) list[n] = *one;
             return;
         }
@@ -214,8 +212,9 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
     one.deep = 0;
     if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= pliant_tissue_margin_of(on, node, skin))) return;
     const double least = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
-    const bool holds = on->last[index] == skin && one.gap > -PLIANT_TISSUE_HOLDS * on->shortest;
-    if (least < (holds ? -PLIANT_TISSUE_HOLDS : -PLIANT_TISSUE_BORDER)) return;
+    const double border = on->settings.border; /* of a triangle that it touched in the step before: otherwise it would come and go with every step */
+    const bool holds = on->last[index] == skin && one.gap > -border * on->shortest;
+    if (least < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
     if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;
     if (one.gap < 0) {
         const int32_t holder = pliant_tissue_walk(on, tet, point);

@@ -25,6 +25,7 @@ typedef struct pliant_touch_pieces {
     const int32_t *of_node; /* Nullable: (fine nodes) which piece; -1: none */
     const pliant_touch_piece *piece;
     const pliant_touch_piece *proxy; /* Nullable: (PLIANT_MAX_TOOLS x 2) of each tool: all of it about its tip, its jaws about their joint */
+    double compliance;      /* of a point, over that of a flat punch on the pieces' tissue */
 } pliant_touch_pieces;
 
 /* Forces of all points, as one evaluation found them. */

@@ -83,11 +83,11 @@ void pliant_touches_bend(const pliant_touches *touches, int32_t c, double out[3]
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) pliant_arm_bend(touches->arm + a, pliant_touches_moving(touches, touches->arm[a].moving), out);
 }
 
-/* Rigid bodies leave open how several points share a load: a small compliance says it (a thousandth of a flat punch's on their tissue, 1 / (E sqrt(area))). */
+/* Rigid bodies leave open how several points share a load: a small compliance says it (a fraction of a flat punch's on their tissue, 1 / (E sqrt(area))). */
 double pliant_touches_give_way(const pliant_touches *touches, int32_t c)
 {
     const pliant_contact_point *point = touches->points->point + touches->point[c];
-    const double area = point->area, share = 1e-3;
+    const double area = point->area, share = touches->pieces->compliance;
     double sum = 0;
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1] && area > 0; a++) {
         const double young = pliant_touches_moving(touches, touches->arm[a].moving)->young;

@@ -432,6 +432,7 @@ pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume 
     if (!model) return pliant_fail_memory("the model");
     builder build = {.model = model, .labels = labels, .progress = progress};
     model->scene = *scene;
+    model->contact = pliant_contact_settings_of(scene);
     choose_elements(&model->scene);
     model->scan = model->drawn = scan;
     status = pliant_body_create(1, &model->body);

@@ -15,13 +15,10 @@
 #include <math.h>
 #include <string.h>
 
-static const double self_margin = 0.25; /* of the surface's shortest edge at rest: tissue that is nearer to tissue is looked at */
-static const double recovery = 0.1;   /* [m/s] at which tissue comes out of what it was deep in */
-static const double emerging = 0.15;  /* [s] in which its depth is down to 1 / e, where tissue swings: what is pushed out faster is given energy */
-static const double margin = 1e-3;    /* [m] beyond a part's own way: points are looked for so far from its surface, since tissue may move as far in the leg */
 enum { MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
+    pliant_contact_settings settings; /* of the model */
     pliant_finder *finder;
     pliant_tissue tissue;      /* contact/self */
     pliant_outside outside;
@@ -94,19 +91,17 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
 
 static double seconds_of(const pliant_model *model, const pliant_data *data) { return model->scene.solver.step * data->share; }
 
-static double recovered(const pliant_model *model, const pliant_data *data) { return recovery * seconds_of(model, data); }
+static double recovered(const pliant_model *model, const pliant_data *data) { return model->contact.recovery_speed * seconds_of(model, data); }
 
-static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-seconds_of(model, data) / emerging) : 0; }
+static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0; }
 
 /* The core of a field of signed distances is larger by what that may be off by (contact/advance). */
 static double off_of(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0; }
 
-/* Of which half the depth is left at least. */
 static double guard_of(const pliant_model *model, const pliant_data *data, const pliant_part *part)
 {
-    const double least = 0.5, *cell = data->body->fine.cell_size;
-    const double guard = fmin(model->scene.contact.guard_depth, pliant_advance_guard(part, fmin(fmin(cell[0], cell[1]), cell[2])));
-    return fmax(guard, off_of(part) + least * guard);
+    const double *cell = data->body->fine.cell_size, guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
+    return fmax(guard, off_of(part) + model->contact.guard_left * guard);
 }
 
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
@@ -120,7 +115,7 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
     pliant_moving_part *moving = search->part + search->num_parts;
     *moving = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_TOOL, .tool = t, .index = p, .friction = model->scene.contact.friction, .guard = guard_of(model, data, part), .off = off_of(part),
-        .margin = margin + way, .shape = &tool->shape, .from = *begin, .to = *goal, .way = way, .recovery = recovered(model, data), .num_held = num_held, .held = tool->held,
+        .margin = model->contact.search_margin + way, .shape = &tool->shape, .from = *begin, .to = *goal, .way = way, .recovery = recovered(model, data), .num_held = num_held, .held = tool->held,
     };
     pliant_part_pose(&tool->shape, part->frame, begin->tip, begin->rotation, begin->jaw, &moving->begin);
     pliant_part_pose(&tool->shape, part->frame, goal->tip, goal->rotation, goal->jaw, &moving->end);
@@ -137,7 +132,7 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
     search->advance_part[search->num_parts] = (pliant_advance_part){.part = part, .guard = guard, .released = true};
     search->part[search->num_parts++] = (pliant_moving_part){
         .part = part, .kind = PLIANT_OBSTACLE_GROUND, .tool = -1, .index = index, .friction = model->scene.contact.friction, .begin = still, .end = still,
-        .guard = guard, .off = off_of(part), .margin = margin, .recovery = recovered(model, data), .stays = stays(model, data)};
+        .guard = guard, .off = off_of(part), .margin = model->contact.search_margin, .recovery = recovered(model, data), .stays = stays(model, data)};
 }
 
 static void gather_parts(const pliant_model *model, pliant_data *data)
@@ -180,12 +175,13 @@ static void carry(const pliant_data *data, const pliant_contacts *before, pliant
     }
 }
 
-static pliant_status begin(pliant_contact_search **out)
+static pliant_status begin(const pliant_contact_settings *settings, pliant_contact_search **out)
 {
     if (*out) return PLIANT_OK;
     pliant_contact_search *search = pliant_calloc(1, sizeof *search);
     if (!search) return pliant_fail_memory("contacts");
-    pliant_status status = pliant_finder_create(&search->finder);
+    search->settings = *settings;
+    pliant_status status = pliant_finder_create(settings, &search->finder);
     if (status == PLIANT_OK) *out = search;
     else pliant_free(search);
     return status;
@@ -223,9 +219,9 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     pliant_tissue *tissue = &data->contact_search->tissue;
     const pliant_outside *outside = touches_within_elements(model) ? &data->contact_search->outside : NULL;
     pliant_status status = pliant_tissue_set_body(tissue, data->body, outside ? outside->solid : NULL, data->discretization->system->num_threads);
-    const pliant_tissue_rule rule = {.margin = self_margin * tissue->shortest, .recovery = recovered(model, data),
+    const pliant_tissue_rule rule = {.margin = model->contact.self_margin * tissue->shortest, .recovery = recovered(model, data),
                                      .friction = model->scene.contact.friction, .pieces_go = pieces_go, .nodes = data->positions,
-                                     .stays = stays(model, data)};
+                                     .stays = stays(model, data), .settings = &model->contact};
     if (status != PLIANT_OK || tissue->num_skins == 0) return status;
     pliant_tissue_set_searcher(tissue, data->backend->searcher);
     if (model->scene.contact.response == PLIANT_RESPONSE_PAPER) return find_slowed(model, data, out);
@@ -401,18 +397,17 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
     return false;
 }
 
-/* Whether points that were found before serve this leg, too: since then nothing has gone, or shall go, further than a quarter of the least guard depth (CONTACT).
+/* Whether points that were found before serve this leg, too: since then nothing has gone, or shall go, further than settings.reuse_motion allows.
  * They are in search->made then. Errors: MEMORY */
 static pliant_status stay(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays)
 {
-    const double share = 0.25;
     pliant_contact_search *search = data->contact_search;
-    double most = margin;
+    double most = model->contact.search_margin;
     *stays = search->found && is_simple(model, data) && search->found_revision == data->body->revision && search->found_parts == search->num_parts;
     for (int32_t p = 0; p < search->num_parts && *stays; p++) {
         const pliant_moving_part *part = search->part + p;
         *stays = search->found_key[p] == key_of(part);
-        most = fmin(most, share * part->guard);
+        most = fmin(most, model->contact.reuse_motion * part->guard);
     }
     for (int32_t p = 0; p < search->num_parts && *stays; p++) {
         const pliant_moving_part *part = search->part + p;
@@ -433,7 +428,7 @@ static void set_bodies(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
     const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
-    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy};
+    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy, .compliance = data->model->contact.piece_compliance};
     if (pieces) {
         legs->bodies.of_node = pieces->of_node;
         legs->bodies.piece = pieces->piece;
@@ -444,7 +439,7 @@ static void set_bodies(pliant_data *data)
 
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 {
-    pliant_status status = begin(&data->contact_search);
+    pliant_status status = begin(&model->contact, &data->contact_search);
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     search->made.count = 0;
@@ -476,7 +471,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 
 /* ---- how far a leg may go */
 
-static pliant_status find_room(pliant_contact_search *search) { return search->advance ? PLIANT_OK : pliant_advance_create(NULL, &search->advance); }
+static pliant_status find_room(pliant_contact_search *search) { return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance); }
 
 pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share, pliant_advance_result *out)
 {
@@ -539,7 +534,7 @@ static bool is_inside_at(const pliant_model *model, const pliant_data *data, con
 
 pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int index, const pliant_tool_pose *pose, bool *is_free, bool *is_inside)
 {
-    pliant_status status = begin(&data->contact_search);
+    pliant_status status = begin(&model->contact, &data->contact_search);
     if (status != PLIANT_OK) return status;
     pliant_contact_search *search = data->contact_search;
     const pliant_tool *tool = data->tools + index;
@@ -567,7 +562,7 @@ bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const
     bool near = false;
     for (int32_t p = 0; search && p < tool->shape.num_parts && !near; p++) {
         const pliant_part *part = tool->shape.part + p;
-        const double way = pliant_part_way(&tool->shape, part, from, to) + margin;
+        const double way = pliant_part_way(&tool->shape, part, from, to) + data->model->contact.search_margin;
         double low[3], high[3];
         pliant_pose pose;
         pliant_part_pose(&tool->shape, part->frame, from->tip, from->rotation, from->jaw, &pose);
@@ -596,7 +591,7 @@ pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to)
     to->contacts.count = 0;
     forget(to->contact_search);
     if (!from->contact_search) return PLIANT_OK;
-    pliant_status status = begin(&to->contact_search);
+    pliant_status status = begin(&from->contact_search->settings, &to->contact_search);
     if (status == PLIANT_OK) status = pliant_tissue_copy(&from->contact_search->tissue, &to->contact_search->tissue);
     if (status == PLIANT_OK) status = copy_found(from->contact_search, to->contact_search);
     if (status == PLIANT_OK) status = pliant_contacts_copy(&from->contacts, &to->contacts);

@@ -11,7 +11,6 @@ static double distance(const double *a, const double *b) { return sqrt(pow(a[0] 
 /* A tool with a shape comes so near to a point in the leg [m] */
 static bool comes_near(const pliant_tool *tool, const pliant_leg_tool *leg, const double point[3], double near)
 {
-    const double margin = 1e-3; /* [m] */
     bool any = false;
     for (int32_t p = 0; tool->present && p < tool->shape.num_parts && !any; p++) {
         const pliant_part *part = tool->shape.part + p;
@@ -19,7 +18,7 @@ static bool comes_near(const pliant_tool *tool, const pliant_leg_tool *leg, cons
         double local[3], normal[3];
         pliant_part_pose(&tool->shape, part->frame, leg->begin.tip, leg->begin.rotation, leg->begin.jaw, &pose);
         pliant_pose_from(&pose, point, local);
-        any = pliant_part_distance(part, local, normal) < near + margin + pliant_part_way(&tool->shape, part, &leg->begin, &leg->goal);
+        any = pliant_part_distance(part, local, normal) < near + pliant_part_way(&tool->shape, part, &leg->begin, &leg->goal);
     }
     return any;
 }
@@ -30,7 +29,7 @@ void pliant_contact_mark_pieces(pliant_data *data)
         double centre[3], radius;
         const double goes = pliant_falling_ball(data->falling, p, false, centre, &radius);
         bool any = false;
-        for (int t = 0; t < data->num_tools && goes > 0 && !any; t++) any = comes_near(data->tools + t, data->legs->tool + t, centre, radius);
+        for (int t = 0; t < data->num_tools && goes > 0 && !any; t++) any = comes_near(data->tools + t, data->legs->tool + t, centre, radius + data->model->contact.search_margin);
         pliant_falling_mark(data->falling, p, any);
     }
 }
@@ -97,7 +96,7 @@ double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, 
 {
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
     const double elements = reach_of_elements(model, &data->body->fine);
-    const double margin = 1e-3; /* [m] */
+    const double margin = model->contact.search_margin;
     double deeps = 0, centre[3];
     for (int t = 0; t < data->num_tools; t++) {
         const pliant_tool *tool = data->tools + t;

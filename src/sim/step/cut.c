@@ -16,7 +16,6 @@
 #include <math.h>
 #include <string.h>
 
-static const double fastest = 2.0;     /* of a blade [m/s]; beyond it, it has jumped */
 static const double swiftest = 0.5;    /* of tissue that comes over a blade beside it [m/s] */
 static const double backwards = 0.1;   /* a sweep begins so much behind the cut's end, so that no link between is missed [voxels] */
 static const double stirs = 0.05;      /* a blade that is nearer to the cut's end than this has not moved [voxels] */
@@ -373,7 +372,7 @@ static double way_of(const knife *work)
 static bool has_jumped(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;
-    const double step = work->model->scene.solver.step, far = pliant_blade_has_pose(blade) ? way_of(work) : 0;
+    const double fastest = work->model->contact.max_tool_speed, step = work->model->scene.solver.step, far = pliant_blade_has_pose(blade) ? way_of(work) : 0;
     if (far <= fastest * step) return false;
     if (!blade->failed)
         pliant_log(PLIANT_LOG_WARNING, "tool %s is too fast to cut: its blade moves %.3g m in a step of %g s (%.3g m/s); above %g m/s it is taken for a "

@@ -13,22 +13,16 @@
 #include <math.h>
 #include <string.h>
 
-static const double fastest = 2.0;  /* of a tool's tip [m/s]; beyond it, it has jumped */
-static const double radius = 0.5;   /* of the largest cell: no tool near tissue goes further in a leg */
-static const double depths = 0.5;   /* explicit dynamics: of a part's depth, so far it and the tissue may go in a leg, together */
-static const double hardly = 1e-3;  /* of a leg: one that goes no further does not lead on */
-enum { MOST_LEGS = 32, MOST_BLOCKED = 4 /* in a row */ };
-
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
 /* ---- where the step begins: measured poses, and proxies of tools that have come or have jumped */
 
-static bool has_jumped(const pliant_scene *scene, const pliant_tool *tool)
+static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
 {
     double way = 0;
     for (int d = 0; d < 3; d++) way += (tool->tip[d] - tool->proxy.tip[d]) * (tool->tip[d] - tool->proxy.tip[d]);
     way = sqrt(way);
-    return way > fastest * scene->solver.step || way > scene->contact.max_proxy_error;
+    return way > model->contact.max_tool_speed * model->scene.solver.step || way > model->scene.contact.max_proxy_error;
 }
 
 /* A tool that has just come is where it is measured. Inside tissue it touches nothing until it is out of there. One that has jumped is placed if no tissue is
@@ -39,7 +33,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     const pliant_tool_pose measured = pliant_tool_measured(tool);
     const bool comes = !tool->present || !tool->proxy.known;
     bool is_free = true, is_inside = false;
-    if (!comes && !tool->proxy.released && !has_jumped(&model->scene, tool)) return PLIANT_OK;
+    if (!comes && !tool->proxy.released && !has_jumped(model, tool)) return PLIANT_OK;
     if (tool->present && tool->shape.num_parts > 0) {
         pliant_status status = pliant_contact_is_free(model, data, t, &measured, &is_free, &is_inside);
         if (status != PLIANT_OK) return status;
@@ -106,7 +100,7 @@ static void begin_leg(pliant_data *data)
 static double most_of(const pliant_data *data)
 {
     const double *cell = data->body->fine.cell_size;
-    return radius * fmax(fmax(cell[0], cell[1]), cell[2]);
+    return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
 }
 
 /* Of the way to where it is measured, or so much of it that it goes that far at most: as much of it as its coupling is expected to take it along. */
@@ -121,7 +115,7 @@ static double share_of(const pliant_model *model, pliant_data *data, int t, bool
         pliant_touch_piece couple[2];
         pliant_tool_pose ahead;
         double axis[3];
-        pliant_proxy_couple(&model->scene, tool, &leg->begin, &leg->measured, &leg->before, leg->gives, &ahead, couple, axis);
+        pliant_proxy_couple(model, tool, &leg->begin, &leg->measured, &leg->before, leg->gives, &ahead, couple, axis);
         way = pliant_tool_way(tool, &leg->begin, &ahead);
     }
     return way > most && pliant_contact_comes_near(data, tool, &leg->begin, &leg->measured) ? most / way : 1;
@@ -140,7 +134,7 @@ static double choose_part(const pliant_model *model, pliant_data *data)
 {
     pliant_tled *tled = data->tled;
     const int32_t left = tled->substeps - tled->made;
-    const double deeps = pliant_contact_deeps(model, data, tled->d, left);
+    const double deeps = pliant_contact_deeps(model, data, tled->d, left), depths = model->contact.leg_of_part;
     tled->part = deeps > depths ? (int32_t)fmax(floor(left * depths / deeps), 1) : left;
     return (double)tled->part / left;
 }
@@ -148,7 +142,7 @@ static double choose_part(const pliant_model *model, pliant_data *data)
 /* Explicit dynamics: a proxy that has stayed behind catches up no faster than tools are followed. */
 static double limit_speed(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_leg_tool *leg, double share)
 {
-    const double most = fastest * model->scene.solver.step * data->share;
+    const double most = model->contact.max_tool_speed * model->scene.solver.step * data->share;
     const double way = tool->shape.num_parts > 0 ? share * pliant_tool_way(tool, &leg->begin, &leg->measured) : 0;
     return way > most ? most / way : 1;
 }
@@ -163,7 +157,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double share
         pliant_handle *handle = handle_of(data, t);
         const double own = dynamic ? share * limit_speed(model, data, tool, leg, share) : fmin(share, share_of(model, data, t, false));
         leg->goal = pliant_pose_partway(&leg->begin, &leg->measured, own);
-        pliant_proxy_couple(&model->scene, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead, data->legs->proxy + 2 * t, leg->axis);
+        pliant_proxy_couple(model, tool, &leg->begin, &leg->goal, &leg->before, leg->gives, &leg->ahead, data->legs->proxy + 2 * t, leg->axis);
         if (data->tled) leg->goal = leg->ahead;
         memcpy(tool->tip, leg->ahead.tip, sizeof tool->tip);
         memcpy(tool->rotation, leg->ahead.rotation, sizeof tool->rotation);
@@ -250,7 +244,7 @@ static double yield(const pliant_model *model, pliant_data *data)
         pliant_proxy_load load;
         if (!tool->present || tool->shape.num_parts == 0) continue;
         pliant_proxy_find_load(data, t, &leg->ahead, &load);
-        const double limit = pliant_proxy_limit(&model->scene, tool, &leg->before, &load);
+        const double limit = pliant_proxy_limit(model, tool, &leg->before, &load);
         if (data->tled) continue;
         leg->goal = pliant_proxy_yield(tool, &leg->ahead, data->legs->proxy + 2 * t, &load);
         share = fmin(share, limit);
@@ -367,7 +361,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->spent += (int32_t)fmax(statistics->iterations, 1);
     budget->iterations += statistics->iterations;
     budget->gone = gone;
-    budget->blocked = gone < hardly ? budget->blocked + 1 : 0;
+    budget->blocked = gone < model->contact.min_progress ? budget->blocked + 1 : 0;
     statistics->legs++;
     statistics->advanced = gone;
     *done = share == 1 && gone == 1 && !data->legs->blocked; /* after a plain step comes one that is judged */
@@ -379,7 +373,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->left *= 1 - share * gone;
     if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
     else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
-    else if (budget->blocked == MOST_BLOCKED || statistics->legs == MOST_LEGS) statistics->ended = PLIANT_STEP_END_BLOCKED;
+    else if (budget->blocked == model->contact.max_blocked_legs || statistics->legs == model->contact.max_legs) statistics->ended = PLIANT_STEP_END_BLOCKED;
     *done = *done || statistics->ended != PLIANT_STEP_END_NONE;
     return PLIANT_OK;
 }

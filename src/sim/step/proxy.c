@@ -114,11 +114,10 @@ pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_p
     return out;
 }
 
-/* Compliance of a coupling whose proxy is so far from its goal. Under a load near the limit it is as soft as keeps the load below that; up to 3/4 of the limit
- * it is as stiff as it was set to be. */
-static double comply(double stiffness, double error, double load, double limit)
+/* Compliance of a coupling whose proxy is so far from its goal. Under a load near the limit it is as soft as keeps the load below that. */
+static double comply(const pliant_contact_settings *settings, double stiffness, double error, double load, double limit)
 {
-    const double softens = fmin(fmax(5 * load / limit - 3.75, 0), 1); /* 0 to 1 between 0.75 and 0.95 of the limit */
+    const double slope = 1 / settings->soft_width, softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
     return fmax(1 / stiffness, softens * error / limit);
 }
 
@@ -140,14 +139,15 @@ static void turn_between(const double from[4], const double to[4], double turn[3
     for (int d = 0; d < 3; d++) turn[d] = sine > 0 ? sign * q[d] * angle / sine : 0;
 }
 
-void pliant_proxy_couple(const pliant_scene *scene, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
+void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
                          const double gives[2], pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3])
 {
+    const pliant_scene *scene = &model->scene;
     const double most = scene->contact.max_force, lever = most * fmax(reach_of(tool), 1e-3), turn_stiffness = scene->contact.coupling_stiffness_rotational;
     const double *wrench = before->wrench, *pulls = tool->proxy.pulls;
-    const double shift = comply(scene->contact.coupling_stiffness, distance(begin->tip, goal->tip), fmax(sqrt(dot(wrench, wrench)), pulls[0]), most);
-    const double turn = comply(turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation), fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
-    const double jaw = comply(turn_stiffness, fabs(goal->jaw - begin->jaw), fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) + gives[1];
+    const double shift = comply(&model->contact, scene->contact.coupling_stiffness, distance(begin->tip, goal->tip), fmax(sqrt(dot(wrench, wrench)), pulls[0]), most);
+    const double turn = comply(&model->contact, turn_stiffness, pliant_rotation_angle(begin->rotation, goal->rotation), fmax(sqrt(dot(wrench + 3, wrench + 3)), pulls[1]), lever);
+    const double jaw = comply(&model->contact, turn_stiffness, fabs(goal->jaw - begin->jaw), fmax(fabs(before->jaw), pulls[2]), scene->contact.grip_torque) + gives[1];
     memset(out, 0, 2 * sizeof *out);
     for (int k = 0; k < 6; k++) out[0].answer[7 * k] = k < 3 ? shift + gives[0] : turn;
     pliant_tool_joint(tool, goal, out[1].centre, axis);
@@ -166,10 +166,10 @@ void pliant_proxy_couple(const pliant_scene *scene, const pliant_tool *tool, con
 /* fraction of a change from a to b that ends at a limit between them */
 static double until(double a, double b, double limit) { return a < limit && b > limit ? (limit - a) / (b - a) : 1; }
 
-double pliant_proxy_limit(const pliant_scene *scene, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after)
+double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after)
 {
-    const double over = 1.02, nearly = 0.95; /* of a limit */
-    const double force = sqrt(dot(after->wrench, after->wrench)), most = scene->contact.max_force, torque = fabs(after->jaw), grip = scene->contact.grip_torque;
+    const double over = model->contact.force_overshoot, nearly = model->contact.soft_begin + model->contact.soft_width;
+    const double force = sqrt(dot(after->wrench, after->wrench)), most = model->scene.contact.max_force, torque = fabs(after->jaw), grip = model->scene.contact.grip_torque;
     tool->proxy.pulls[0] = force;
     tool->proxy.pulls[1] = sqrt(dot(after->wrench + 3, after->wrench + 3));
     tool->proxy.pulls[2] = torque;

@@ -29,12 +29,12 @@ void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool
 /* The coupling in a leg, of the tool about its tip and of its jaws about their joint, to first order around where the load of the leg before lets it go. A coupling
  * whose error times its stiffness is above a limit (contact/max_force at the tip and at the tool's far end, contact/grip_torque) is as soft as that limit asks for.
  * @param goal where it shall go; gives: more that it gives way (pliant_contact_gives). *ahead: around which it is linear; axis: of the jaws there */
-void pliant_proxy_couple(const pliant_scene *scene, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
+void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, const pliant_tool_pose *begin, const pliant_tool_pose *goal, const pliant_proxy_load *before,
                          const double gives[2], pliant_tool_pose *ahead, pliant_touch_piece out[2], double axis[3]);
 /* Where the coupling lets the proxy go under a load. from: around which it is linear */
 pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_touch_piece couple[2], const pliant_proxy_load *load);
 /* How much of a load's change may come before a limit is reached, as a fraction; sets whether the proxy is saturated. */
-double pliant_proxy_limit(const pliant_scene *scene, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after);
+double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after);
 
 #ifdef __cplusplus
 }
