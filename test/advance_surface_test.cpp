@@ -1,5 +1,5 @@
-// Legs of whole surfaces: chains of legs, tissue that moves with a part, released and held tissue, tissue against
-// itself, and what callers rely on.
+// Tests of motion legs of whole surfaces: chains of legs, tissue that moves with a part, released and held tissue,
+// self-contact of tissue, and the guarantees for callers.
 #include "advances.h"
 #include "base/rotate.h"
 #include "contact/shapes/shapes.h"
@@ -134,7 +134,7 @@ pliant_tool_shape driver()
     return shape;
 }
 
-// Whatever is asked of the parts and the tissue, leg after leg, they never overlap.
+// No leg of a chain makes parts and tissue overlap, for random motions.
 TEST(AdvanceSurface, AChainOfLegsNeverLetsACoreIn)
 {
     Random random(5);
@@ -146,7 +146,7 @@ TEST(AdvanceSurface, AChainOfLegsNeverLetsACoreIn)
                : scene % 4 == 2 ? blade()
                                 : driver(),
                {0, 0, 0.012});
-        if (scene % 4 == 3) // its shaft comes from above
+        if (scene % 4 == 3) // the shaft comes from above
             for (auto &part : on.parts) turn({1, 0, 0}, M_PI, part.from.rotation);
         for (int n = 0; n < 50; n++) {
             const double angle = random.happens(0.5) ? 0 : random.wide(1e-3, 3),
@@ -185,7 +185,7 @@ TEST(AdvanceSurface, AChainOfLegsNeverLetsACoreIn)
     EXPECT_GT(moved, 500);
 }
 
-// A part that is pressed on tissue, 0.1 mm above its core, goes along with it.
+// A part that presses on tissue, 0.1 mm above its core, moves with the tissue.
 TEST(AdvanceSurface, PartsThatMoveWithTheTissueAreNotSlowed)
 {
     for (const auto &shape : {ball(2e-3), rod(0.03, 1e-3), blade()}) {
@@ -231,7 +231,7 @@ TEST(AdvanceSurface, APartStopsAboveTheTissue)
     on.add(ball(2e-3), {0.001, 0.002, 0.01});
     on.parts[0].to.tip[2] = -0.01;
     const pliant_advance_result found = on.find();
-    const double height = 0.01 - 0.02 * found.t - (2e-3 - 2e-4); // of the core
+    const double height = 0.01 - 0.02 * found.t - (2e-3 - 2e-4); // height of the core
     EXPECT_NEAR(height, 0.5 * 2e-4, 0.02 * 2e-4);
     EXPECT_GT(height, 0.5 * 2e-4);
     EXPECT_NEAR(found.least, height, 1e-9);
@@ -249,9 +249,9 @@ TEST(AdvanceSurface, OverlapsStopTheLegUnlessReleased)
     EXPECT_EQ(on.find().t, 0);
     on.parts[0].released = true;
     EXPECT_GT(on.find().t,
-              0.4); // out, until triangles beside it that it does not overlap are in the way, or all the way
+              0.4); // it leaves the tissue, until adjacent triangles block it or the leg ends
     EXPECT_EQ(on.audit().crossings, 0);
-    // what it does not overlap yet it may not enter
+    // a released part must not enter triangles that it does not overlap yet
     on.parts[0].to = on.parts[0].from;
     on.parts[0].to.tip[0] = 0.02;
     EXPECT_LT(on.find().t, 0.5);
@@ -311,7 +311,7 @@ TEST(AdvanceSurface, ThreadsDoNotChangeTheResult)
     }
 }
 
-// ---- tissue on tissue
+// ---- self-contact of tissue
 
 struct Layers {
     Sheet sheet;
@@ -349,7 +349,7 @@ TEST(AdvanceSelf, LayersStopBeforeEachOther)
     on.sheet.advance(found.t);
     EXPECT_NEAR(on.audit().least, 0.5 * 1e-4, 1e-6);
     EXPECT_EQ(on.audit().crossings, 0);
-    on.sheet.move([](double x[3]) { // together, and along each other
+    on.sheet.move([](double x[3]) { // move both sheets together, and also relative to each other
         x[0] += x[2] < -0.002 ? 0.1 : 0.09;
         x[2] += 0.05;
     });
@@ -376,7 +376,7 @@ TEST(AdvanceSelf, ReleasedComponentsAreExempt)
     EXPECT_EQ(on.audit().crossings, 0);
 }
 
-// Sheets that are crumpled at random, leg after leg: no edge ever passes through a triangle.
+// Randomly crumpled sheets: in no leg does an edge pass through a triangle.
 TEST(AdvanceSelf, ACrumpledSheetNeverPassesThroughItself)
 {
     Random random(17);
@@ -452,7 +452,7 @@ TEST(AdvanceSurface, EveryAllocationMayFail)
                 EXPECT_EQ(out.t, -5);
                 EXPECT_EQ(of_self.t, -5);
             }
-            if (room) { // and it goes on
+            if (room) { // it works again after the failure
                 EXPECT_EQ(pliant_advance_find(room, sheet.num_triangles(), sheet.triangles.data(), sheet.from.data(),
                                               sheet.to.data(), 1, &part, 1, &out),
                           PLIANT_OK);

@@ -1,5 +1,5 @@
-// Cores never enter the surface: legs of random pairs against samples of the same motion, with distances found by other
-// code.
+// Cores never enter the surface. Legs of random pairs are compared with samples of the same motion. Independent code
+// computes the sampled distances.
 #include "advances.h"
 #include "contact/shapes/shapes.h"
 #include "solids.h"
@@ -10,7 +10,7 @@
 namespace
 {
 
-// One triangle and one part through a leg.
+// One triangle and one part during a leg.
 struct Leg {
     pliant_part part{};
     pliant_tool_shape shape{};
@@ -34,7 +34,7 @@ struct Leg {
             pliant_part_pose(&shape, PLIANT_FRAME_TIP, origin, rest, 0, &out);
             return out;
         }
-        // angle by angle, not by the function that is tested
+        // interpolates the joint angles without the tested function
         double inverse[4], between[4], rotation[4], tip[3], w = 0;
         for (int d = 0; d < 4; d++) inverse[d] = d < 3 ? -leg.from.rotation[d] : leg.from.rotation[d];
         multiply(leg.to.rotation, inverse, between);
@@ -55,9 +55,9 @@ struct Leg {
             for (int d = 0; d < 3; d++) out[c][d] = from[c][d] + t * (to[c][d] - from[c][d]);
         return out;
     }
-    double error = 0; // of the solid's field
+    double error = 0; // of the solid's distance field
     bool is_convex = true;
-    // from the core, of a point in the part's frame
+    // distance of a point (in the part's frame) from the core
     double point_distance(const double p[3]) const
     {
         const double g = leg.guard;
@@ -71,7 +71,7 @@ struct Leg {
         }
         return inside > 0 ? std::sqrt(outside) : inside;
     }
-    // by samples of the triangle, around the lowest of them again and again, since the distance is convex
+    // refine samples of the triangle around the minimum: the distance is convex
     double distance(double t) const
     {
         const pliant_pose at = pose(t);
@@ -93,7 +93,8 @@ struct Leg {
             best[1] = v;
         };
         const int first =
-            part.solid && !is_convex ? 24 : 0; // all over it, since there may be more than one lowest point
+            // sample all of the triangle: a part that is not convex may have several local minima
+            part.solid && !is_convex ? 24 : 0;
         for (int i = 0; i <= first; i++)
             for (int j = 0; i + j <= first && first > 0; j++)
                 look(static_cast<double>(i) / first, static_cast<double>(j) / first);
@@ -104,7 +105,7 @@ struct Leg {
         }
         return least;
     }
-    // the same by two nested ternary searches: slow, and sharp along edges of the part
+    // the same by two nested ternary searches: slow, but accurate along edges of the part
     double sharp_distance(double t) const
     {
         const pliant_pose at = pose(t);
@@ -141,7 +142,7 @@ struct Leg {
     double limit(double d) const { return std::max(std::min(0.1 * d, 0.5 * leg.guard), std::min(0.02 * leg.guard, d)); }
 };
 
-pliant_solid *bracket() // an L that is not convex
+pliant_solid *bracket() // an L-shaped solid, which is not convex
 {
     static std::unique_ptr<pliant_solid, void (*)(const pliant_solid *)> made(nullptr, pliant_solid_release);
     if (!made) {
@@ -208,7 +209,7 @@ void choose_motion(Random &random, Leg &out)
     turn(first, random(0, 6), out.leg.from.rotation);
     turn(about, angle, by);
     multiply(by, out.leg.from.rotation, out.leg.to.rotation);
-    const double sign = random.happens(0.5) ? 1 : -1; // the same rotation
+    const double sign = random.happens(0.5) ? 1 : -1; // q and -q are the same rotation
     for (double &each : out.leg.to.rotation) each *= sign;
     out.leg.from.jaw = random(-0.3, 1);
     out.leg.to.jaw = out.leg.from.jaw + (random.happens(0.5) ? 0 : random(-3, 3));
@@ -232,9 +233,9 @@ void choose_triangle(Random &random, Leg &out)
     }
     if (random.happens(0.05)) out.from[1] = out.from[0];
     if (random.happens(0.02)) out.from[2] = out.from[0];
-    if (random.happens(0.05)) // in a line
+    if (random.happens(0.05)) // degenerate: three corners on one line
         for (int d = 0; d < 3; d++) out.from[2][d] = out.from[0][d] + random(-1, 2) * (out.from[1][d] - out.from[0][d]);
-    // away from the part until it is as far as is wanted
+    // Move the triangle away from the part until their distance has the chosen value.
     const double wanted = random.wide(1e-6, 1e-2);
     Vector away = random.direction();
     if (out.part.kind == PLIANT_PART_HALF_SPACE)
@@ -247,7 +248,7 @@ void choose_triangle(Random &random, Leg &out)
             for (int d = 0; d < 3; d++) out.from[c][d] = first[c][d] + put * away[d];
         (out.distance(0) < wanted ? near : far) = put;
     }
-    // with the part, or not, towards where it was, each corner by itself
+    // The triangle moves with the part or not, towards its earlier position, and each corner moves by itself.
     const bool follows = random.happens(0.3);
     const double way = random.happens(0.2) ? 0 : random.wide(1e-5, 0.03),
                  own = random.happens(0.3) ? 0 : random.wide(1e-6, 0.01);
@@ -264,7 +265,7 @@ void choose_triangle(Random &random, Leg &out)
 
 int count_of(int usual)
 {
-    const char *wanted = std::getenv("PLIANT_ADVANCE_LEGS"); // 1000000 for the whole check
+    const char *wanted = std::getenv("PLIANT_ADVANCE_LEGS"); // set 1000000 for the complete test
     return wanted ? std::atoi(wanted) : usual;
 }
 
@@ -273,7 +274,7 @@ struct Outcome {
     double iterations = 0;
 };
 
-// Legs of one kind of part. The claim is checked at every sample, and that the leg is not cut short for nothing.
+// Check legs of one kind of part: no sample is nearer than the limit, and no leg stops early without a reason.
 Outcome try_legs(pliant_part_kind kind, const pliant_solid *solid, int count, uint64_t seed)
 {
     enum { SAMPLES = 200 };
@@ -294,7 +295,7 @@ Outcome try_legs(pliant_part_kind kind, const pliant_solid *solid, int count, ui
             EXPECT_EQ(found.t, 0) << "leg " << n;
             continue;
         }
-        double blocked = INFINITY; // the time before the first sample that is too near
+        double blocked = INFINITY; // time before the first sample that is nearer than the limit
         for (int s = 0; s <= SAMPLES; s++) {
             const double t = static_cast<double>(s) / SAMPLES, distance = leg.distance(t);
             if (t <= found.t) {
@@ -307,7 +308,7 @@ Outcome try_legs(pliant_part_kind kind, const pliant_solid *solid, int count, ui
         EXPECT_GT(leg.distance(found.t), 0.999 * limit - 1e-9) << "leg " << n;
         outcome.legs++;
         outcome.blocked += found.t < 1;
-        const bool at_limit = leg.distance(found.t) < 1.05 * limit + 1e-8; // between two samples
+        const bool at_limit = leg.distance(found.t) < 1.05 * limit + 1e-8; // the limit lies between two samples
         if (!at_limit && found.t < 0.98 * std::min(blocked, 1.0) - 1.0 / SAMPLES) outcome.early++;
     }
     return outcome;
@@ -328,7 +329,7 @@ TEST_P(AdvanceKind, NeverComesNearerThanItsLimitNorStopsEarly)
     EXPECT_LE(outcome.early, 1 + outcome.legs / 300);
 }
 
-// Bounds of the distance are sharp: one that is too low would stop legs that nothing is in the way of.
+// The lower bounds of the distance are tight. A bound that is too low would stop legs without an obstacle.
 TEST_P(AdvanceKind, FindsTheSmallestDistance)
 {
     Random random(31 + GetParam());

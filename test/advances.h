@@ -1,4 +1,4 @@
-// Legs to test the advancement of contact with.
+// Legs for tests of the contact advancement.
 #pragma once
 
 #include "contact/advance/advance.h"

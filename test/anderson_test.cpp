@@ -1,4 +1,4 @@
-// The rules of Anderson's method that both backends follow.
+// Tests of the rules of Anderson acceleration, which both backends use.
 #include "fem/quasistatic/anderson.h"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ TEST(Anderson, EnergyBelowZeroIsNoMerit)
     }
 }
 
-// A step that evaluates what it is told: merits of the states to come, one after the other.
+// A solver step with prescribed merits, one for each evaluated state.
 struct Rules : pliant_anderson {
     Rules() : pliant_anderson()
     {
@@ -82,7 +82,7 @@ TEST(Anderson, WithoutTimeAfterARefusalAStepGoesOnBlindly)
     EXPECT_TRUE(rules.mixes) << "that was good";
 }
 
-// Of tissue that hangs by little a plain step may be metres.
+// In weakly connected tissue a plain step can be metres long.
 TEST(Anderson, NoStepGoesFarBlindly)
 {
     const double tenth = PLIANT_FARTHEST_DOUBTED * 0.1;
@@ -108,7 +108,7 @@ TEST(Anderson, UselessSecantsAreForgotten)
     rules.evaluate(1);
     for (double merit : {0.5, 0.25, 0.12}) rules.evaluate(merit);
     EXPECT_EQ(pliant_anderson_secants(&rules), 3);
-    rules.evaluate(0.06, false); // their products are no longer positive definite
+    rules.evaluate(0.06, false); // the matrix of products of secants is no longer positive definite
     EXPECT_EQ(pliant_anderson_secants(&rules), 0);
     EXPECT_EQ(rules.next, PLIANT_NEXT_TRIAL);
 }

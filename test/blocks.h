@@ -1,4 +1,4 @@
-// Products with a symmetric matrix that is kept by the blocks of its lower half.
+// Products with a symmetric matrix, stored as the blocks of its lower half.
 #ifndef PLIANT_TEST_BLOCKS_H
 #define PLIANT_TEST_BLOCKS_H
 
@@ -6,7 +6,7 @@
 
 #include <vector>
 
-// values: as pliant_system_assemble writes them
+// values: in the order of pliant_system_assemble()
 inline std::vector<double> multiply_blocks(const pliant_pattern &pattern, const std::vector<double> &values, const std::vector<double> &x)
 {
     std::vector<double> y(x.size());

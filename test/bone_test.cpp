@@ -1,4 +1,5 @@
-// Nodes on the surface of bone: where they lie, how good the tetrahedra stay, whose voxels are whose, and what it does to the error.
+// Nodes on the surface of bone: their positions, the quality of the tetrahedra, the assignment of voxels, and the
+// effect on the error.
 #include "pipeline/body.h"
 #include "state/data.h"
 #include "pliant/report.h"
@@ -13,7 +14,7 @@
 
 namespace {
 
-// soft tissue 0, bone 1, air 2
+// materials: 0 soft tissue, 1 bone, 2 air
 struct Bone {
     pliant_geometry geometry{};
     std::vector<uint8_t> material, fixed;
@@ -79,7 +80,7 @@ struct Bone {
         status = pliant_mesh_bone(&geometry, fixed.data(), &mesh);
         return status == PLIANT_OK ? pliant_mesh_integrate_moved(&mesh, &geometry, material.data(), true, &table, materials.data()) : status;
     }
-    // whether voxels within `reach` of a node are all bone (1), none (0), or both (2)
+    // Classify the voxels within `reach` of a node: 1 all bone, 0 none, 2 both.
     int around(int32_t node, double reach) const
     {
         double index[3];
@@ -103,7 +104,7 @@ double volume_of(const pliant_mesh &mesh, int32_t t)
     return pliant_mesh_gradients(&mesh, t, g);
 }
 
-// by the cells' own volume, so that edges are in units of cells (cells are cubes here)
+// Normalize by the volume of a cell. Edges are in units of cells, which are cubes here.
 void shape_of(const pliant_mesh &mesh, int32_t t, double *quality, double angles[2])
 {
     const int32_t *n = mesh.tets + 4 * t;
@@ -141,7 +142,7 @@ TEST(Bone, NodesLieOnItsSurfaceAndTetrahedraStayGood)
         for (int32_t n = 0; n < mesh.num_nodes; n++) {
             if (mesh.place_of_node[n] == PLIANT_BONE_SURFACE) {
                 surface++;
-                ASSERT_EQ(bone.around(n, 1e-6), 2) << seed; // a millionth of a voxel
+                ASSERT_EQ(bone.around(n, 1e-6), 2) << seed; // reach of a millionth of a voxel
             } else {
                 ASSERT_EQ(bone.around(n, -1e-9), mesh.place_of_node[n] == PLIANT_BONE_INSIDE) << seed;
             }
@@ -153,12 +154,13 @@ TEST(Bone, NodesLieOnItsSurfaceAndTetrahedraStayGood)
             volume += volume_of(mesh, t);
             shape_of(mesh, t, &quality, angles);
         }
-        EXPECT_NEAR(volume, box, 1e-12 * box); // and nothing overlaps: all volumes are positive
-        std::vector<int32_t> neighbours(4 * static_cast<size_t>(mesh.num_tets)); // FORMAT for a face of three
+        EXPECT_NEAR(volume, box, 1e-12 * box); // and all volumes are positive, so no tetrahedra overlap
+        // returns PLIANT_ERROR_FORMAT if three tetrahedra share a face
+        std::vector<int32_t> neighbours(4 * static_cast<size_t>(mesh.num_tets));
         ASSERT_EQ(pliant_mesh_neighbours(&mesh, neighbours.data()), PLIANT_OK) << pliant_last_error();
         int32_t *triangles, count;
         ASSERT_EQ(pliant_mesh_surface(&mesh, &triangles, &count), PLIANT_OK);
-        for (int32_t t = 0; t < count; t++) { // of faces with one tetrahedron only: on the box
+        for (int32_t t = 0; t < count; t++) { // faces with one tetrahedron lie on the box
             bool outside = false;
             double at[3][3];
             for (int v = 0; v < 3; v++) pliant_geometry_to_index(&bone.geometry, mesh.rest + 3 * triangles[3 * t + v], at[v]);
@@ -192,7 +194,7 @@ TEST(Bone, NearlyAllEdgesEndOnTheSurface)
                 if (mesh.place_of_node[in] == PLIANT_BONE_INSIDE && mesh.place_of_node[out] == PLIANT_BONE_OUTSIDE) crossing.insert({in, out});
             }
     EXPECT_LE(100 * crossing.size(), edges.size());
-    // a ball of voxels lies within half a voxel's diagonal of the ball
+    // the voxelized ball differs from the ball by at most half the diagonal of a voxel
     double sum = 0, most = 0;
     int count = 0;
     for (int32_t n = 0; n < mesh.num_nodes; n++) {
@@ -232,7 +234,8 @@ TEST(Bone, EveryVoxelAndPointHasItsTetrahedron)
                 EXPECT_NEAR(sum, point[d], 1e-12);
             }
         }
-        // with nothing left out, every voxel counts once: in a lattice's tetrahedra, whose own materials count voxels too
+        // With all voxels included, each voxel counts once. In a lattice, the tetrahedra's own materials count voxels
+        // too.
         if (depth == 0) {
             std::vector<pliant_tet_material> all = bone.materials;
             ASSERT_EQ(pliant_mesh_integrate_moved(&mesh, &bone.geometry, bone.material.data(), false, &bone.table, all.data()), PLIANT_OK);
@@ -240,7 +243,7 @@ TEST(Bone, EveryVoxelAndPointHasItsTetrahedron)
             for (const pliant_tet_material &one : all) voxels += one.num_voxels;
             EXPECT_EQ(voxels, bone.material.size());
         }
-        // what has a corner outside of bone and one on it is soft, but for what bone fills altogether
+        // A tetrahedron with one corner outside of bone and one on its surface is soft, unless bone fills all of it.
         int soft = 0;
         for (int32_t t = 0; t < mesh.num_tets; t++) {
             bool outside = false, on = false;
@@ -260,7 +263,8 @@ TEST(Bone, EveryVoxelAndPointHasItsTetrahedron)
 TEST(Bone, BesideAirNothingMoves)
 {
     Bone bone({32, 32, 32});
-    for (size_t v = 0; v < bone.material.size(); v++) bone.material[v] = v % 32 < 14 ? 2 : v % 32 < 17 ? 1 : 0; // a plate of bone on air
+    // a plate of bone on air
+    for (size_t v = 0; v < bone.material.size(); v++) bone.material[v] = v % 32 < 14 ? 2 : v % 32 < 17 ? 1 : 0;
     std::vector<uint8_t> keep(5 * 512);
     std::vector<pliant_tet_material> all(keep.size());
     const int32_t cells[3] = {8, 8, 8};
@@ -273,7 +277,7 @@ TEST(Bone, BesideAirNothingMoves)
     ASSERT_EQ(bone.build({8, 8, 8}, 0, keep.data()), PLIANT_OK);
     for (int32_t t = 0; t < bone.mesh.num_tets; t++) volume += volume_of(bone.mesh, t);
     EXPECT_NEAR(volume, own, 1e-12 * own);
-    EXPECT_EQ(bone.mesh.num_moved, 81); // from 16 to 17 voxels, the other side of the plate
+    EXPECT_EQ(bone.mesh.num_moved, 81); // they move from 16 to 17 voxels, to the other side of the plate
     pliant_mesh_free(&before);
 }
 
@@ -308,21 +312,22 @@ TEST(Bone, SameWhateverTheThreadsAndOutOfMemoryLeavesTheMesh)
             ASSERT_TRUE(std::equal(rest.begin(), rest.end(), mesh.rest));
             continue;
         }
-        pliant_mesh_free(&mesh); // it was integration that failed: once more from the start
+        pliant_mesh_free(&mesh); // the integration failed: restart from a new mesh
         EXPECT_EQ(pliant_memory_in_use(), held) << calls;
         ASSERT_EQ(pliant_mesh_grid(&one.geometry, cells, nullptr, &mesh), PLIANT_OK);
     }
     pliant_mesh_free(&mesh);
 }
 
-// a ball of bone in a block of tissue
+// A ball of bone in a block of tissue.
 int ball(int i, int j, int k) { return (i - 15) * (i - 15) + (j - 16) * (j - 16) + (k - 17) * (k - 17) < 81; }
 
 TEST(Bone, PatchTestAndNoHoleInTheVolume)
 {
     const int size[3] = {32, 32, 32};
     const double box[3] = {0.1, 0.1, 0.1};
-    Body body(size, box, {{5e3, 0.4, 1000, false}, {5e3, 0.4, 1000, false}}, ball); // as stiff as the rest: homogeneous
+    // the same stiffness: a homogeneous body
+    Body body(size, box, {{5e3, 0.4, 1000, false}, {5e3, 0.4, 1000, false}}, ball);
     body.table.materials[1].fixed = true;
     body.cells(4, 4, 4, 2);
     body.scene.mesh.bone_surface = true;
@@ -339,7 +344,7 @@ TEST(Bone, PatchTestAndNoHoleInTheVolume)
     }
     EXPECT_LT(inner, 1e-10 * outer);
 
-    // at rest the volume is the scan, and moved a little it has no hole
+    // At rest the deformed volume is the scan. After a small motion it has no hole.
     for (int v = 0; v < 32 * 32 * 32; v++) static_cast<uint8_t *>(body.scan.voxels)[v] = static_cast<uint8_t>(1 + v % 250);
     pliant_warp *warp = nullptr;
     ASSERT_EQ(pliant_warp_create(&body.scan, &mesh, &body.scan.geometry, 2, &warp), PLIANT_OK);
@@ -381,7 +386,7 @@ struct Scene {
         EXPECT_EQ(pliant_model_build(&scene, &scan, &labels, &table, {nullptr, nullptr}, &model), PLIANT_OK) << pliant_last_error();
         return model;
     }
-    // at rest under gravity, at the given points
+    // Return the positions of the given points in static equilibrium under gravity.
     std::vector<double> settle(const std::vector<double> &points, std::vector<uint8_t> &held)
     {
         pliant_model *model = build();
@@ -408,7 +413,7 @@ TEST(Bone, MakesThePhantomMoreAccurateAtTheSameCount)
     Scene phantom("demo.yaml");
     ASSERT_EQ(pliant_inputs_read(&phantom.scene, "phantom:108x84x96", &phantom.scan, &phantom.labels, &phantom.table), PLIANT_OK);
     phantom.scene.model.gravity[1] = 2;
-    // against a lattice three times finer, which knows nothing of surfaces, where its tissue is soft
+    // The reference is a lattice that is three times finer. It does not use the bone's surface.
     phantom.scene.mesh.ratio = 6;
     pliant_model *fine = phantom.build();
     std::vector<double> points;
@@ -465,7 +470,7 @@ TEST(Bone, EveryMethodTakesIt)
                 moved = std::max(moved, u);
             }
         EXPECT_GT(moved, 1e-6);
-        EXPECT_LT(moved, 0.1); // schur is far too soft, on bone or not
+        EXPECT_LT(moved, 0.1); // Schur is far too soft, with nodes on bone or not
         pliant_data_free(data);
         pliant_model_free(model);
     }

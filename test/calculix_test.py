@@ -15,9 +15,9 @@ import sys
 import tempfile
 
 EDGE, HEIGHT, RADIUS, FRICTION = 40.0, 20.0, 1000.0, 0.3  # [mm]
-STIFFNESS = 50.0  # [N/mm^3] of what touches, and of what sticks
+STIFFNESS = 50.0  # [N/mm^3] penalty stiffness of contact and of sticking
 DOWN, ASIDE = 0.1, 0.02
-ELEMENTS, FINER, KNOWN = 8, 4, (2.5214, 0.31263)  # [N] that contact_solver_test goes on from
+ELEMENTS, FINER, KNOWN = 8, 4, (2.5214, 0.31263)  # [N] the values that contact_solver_test uses
 
 
 def bricks(n, layers, first, place):
@@ -81,7 +81,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         found = forces(n, finer, folder)
     print("%d elements along, a cap of %d faces on each: pressed %.5g N, aside %.5g N" % ((n, finer) + found))
-    # one face leaves 8 %, four a sixteenth of that
+    # One face has an error of 8 %, and four faces a sixteenth of that.
     return 0 if sys.argv[1:] or all(abs(force - known) < 0.005 * known for force, known in zip(found, KNOWN)) else "%g and %g N expected" % KNOWN
 
 

@@ -1,4 +1,4 @@
-// The preconditioner of a body before, carried over to a next one.
+// Tests of a preconditioner that is carried over from one body to the next.
 #include "fem/linear/carried.h"
 #include "base/dense.h"
 #include "blocks.h"
@@ -12,7 +12,7 @@
 
 namespace {
 
-// a bar that a plane divides half-way through, its preconditioner carried over at rest
+// A bar that a plane cuts half-way through. Its preconditioner is carried over at rest.
 struct Bar {
     std::unique_ptr<Body> body;
     const pliant_body *next = nullptr;
@@ -88,14 +88,14 @@ TEST_P(EveryBase, IsSymmetricAndPositive)
         const std::vector<double> a = noise(bar.unknowns(), 2 * seed), b = noise(bar.unknowns(), 2 * seed + 1), ma = bar.solve(a), mb = bar.solve(b);
         const double ab = dot(a, mb), ba = dot(b, ma), aa = dot(a, ma), bb = dot(b, mb);
         EXPECT_GT(aa, 0);
-        EXPECT_NEAR(ab, ba, 1e-5 * std::sqrt(aa * bb)); // the factor's panels are of single precision
+        EXPECT_NEAR(ab, ba, 1e-5 * std::sqrt(aa * bb)); // the factor's panels are in single precision
     }
 }
 
-// by conjugate gradients, K x = right; how many products bring the residual's norm down to a thousandth
+// Conjugate gradients solve K x = right. The count is the number of products until the residual's norm is a thousandth.
 TEST_P(EveryBase, NearlyInvertsTheDividedStiffness)
 {
-    std::vector<double> right(bar.unknowns()); // weight, which opens the cut
+    std::vector<double> right(bar.unknowns()); // a weight that opens the cut
     for (size_t i = 0; i < right.size(); i += 3) right[i + 2] = -1;
     std::vector<double> x(bar.unknowns()), r = right, z = bar.solve(r), p = z;
     double rz = dot(r, z);
@@ -119,7 +119,7 @@ TEST_P(EveryBase, NearlyInvertsTheDividedStiffness)
     EXPECT_LT(apart, 1e-3);
 }
 
-// where nothing moves apart, the answer is the base's
+// Where nothing is opened, the result is the base's result.
 TEST(Carried, IsExactWhereNothingIsOpened)
 {
     Bar bar(PLIANT_DIRECT);
@@ -141,7 +141,7 @@ TEST(Carried, IsExactWhereNothingIsOpened)
     pliant_preconditioner_free(carried);
 }
 
-// an order that is given makes the same factor as far as answers go
+// A prescribed elimination order gives the same solution within rounding.
 TEST(Carried, AFactorInAGivenOrder)
 {
     Bar bar(PLIANT_DIRECT);
@@ -168,7 +168,7 @@ TEST(Carried, AFactorInAGivenOrder)
     pliant_factor_free(free_choice);
 }
 
-// of a coarse model whose fine cubes beside an earlier cut are in parts since then: only those are opened that a later cut divides
+// A coarse model in which fine cubes near an earlier cut are divided: a later cut opens only the cubes that it divides.
 TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
 {
     const int size[3] = {48, 12, 12};
@@ -183,7 +183,7 @@ TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
     std::vector<int8_t> sides[2];
     const pliant_body *bodies[4] = {body.model->body};
     const pliant_discretization *made[4] = {body.model->discretization};
-    std::vector<int32_t> source; // of the last one's unknowns
+    std::vector<int32_t> source; // for each unknown of the last system, its source
     for (int c = 0; c < 3; c++) {
         const double depth = c == 1 ? 0.09 : 0.05;
         bodies[c + 1] = sever_plane(bodies[c], c + 2, c == 0 ? earlier : later, [depth](const double *x) { return x[2] > depth; }, &sides[c > 0]);
@@ -212,7 +212,8 @@ TEST(Carried, ALaterCutOfCoarseHexahedraOpensNothingBesideAnEarlierOne)
     for (int32_t f = 0; f < now.num_free; f++) {
         if (!opened[f]) continue;
         count++;
-        EXPECT_LT(std::fabs(later.side(now.mesh->rest + 3 * now.node_of_free[f])), source[f] < 0 ? 0.1 : 0.04); // in coarse cubes that give way there was no such unknown
+        // fine unknowns of newly divided coarse cubes have no source
+        EXPECT_LT(std::fabs(later.side(now.mesh->rest + 3 * now.node_of_free[f])), source[f] < 0 ? 0.1 : 0.04);
     }
     EXPECT_GT(count, 10);
     EXPECT_LT(count, now.num_free / 4);

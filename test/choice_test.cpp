@@ -1,4 +1,4 @@
-// Settings chosen by measurement, on a tiny body whose steps take no time.
+// Tests of the choice of settings by measurement, on a tiny body with very short steps.
 #include "pipeline/body.h"
 
 #include "state/data.h"
@@ -29,7 +29,7 @@ protected:
         body.scene.solver.threads = 1;
         body.scene.solver.iterations = 6;
         body.scene.solver.tolerance = 1e-4;
-        body.scene.solver.step = 1e-4; // nobody waits for the next frame
+        body.scene.solver.step = 1e-4; // [s] steps need not wait for the next frame
         body.scene.solver.backend = PLIANT_CPU;
         body.scene.choose.budget_ms = 1e6;
         body.fix_plane(0, 0.11, 0, 0, -1, 0);
@@ -59,7 +59,7 @@ protected:
     {
         return pliant_results_cell(tables.sweep, row, pliant_results_column(tables.sweep, column));
     }
-    // p95 of every method, mesh and budget that was tried: the worse of its cases, where both were run [%]
+    // Return the p95 error [%] of each tried method, mesh and budget. With two cases it is the larger one.
     std::map<std::string, double> errors() const
     {
         std::map<std::string, std::map<std::string, double>> found;
@@ -112,13 +112,13 @@ TEST_F(Choice, TakesTheMostAccurateOfAllThatWasTried)
     EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "larger")), "mesh");
     EXPECT_EQ(choice.error, choice.p95);
     EXPECT_LE(choice.rms, choice.max);
-    // nothing is as near to the fine solution on the finest mesh as itself
+    // the fine method on the finest mesh has the smallest error
     EXPECT_EQ(choice.scene.model.method, PLIANT_FINE);
     EXPECT_EQ(choice.scene.mesh.ratio, 4);
     EXPECT_GT(choice.reference_tetrahedra, 5 * 4 * 4 * 4);
     EXPECT_NE(std::string(choice.options).find("model/method=fine mesh/coarse_cells=2,2,2 mesh/ratio=4 solver/iterations="), std::string::npos);
 
-    // told in the tables, and its options make its scene
+    // The tables report the choice, and its options reproduce its scene.
     ASSERT_EQ(pliant_results_rows(tables.choice), 1u);
     EXPECT_STREQ(pliant_results_cell(tables.choice, 0, pliant_results_column(tables.choice, "options")), choice.options);
     pliant_scene scene = body.scene;
@@ -172,7 +172,7 @@ TEST_F(Choice, AScenesOwnPatchIsNotEverybodys)
     EXPECT_GT(choice.max, 1.5 * patched);
 }
 
-// until the patch is there, the tool pulls at the coarse model
+// Until the patch exists, the tool pulls the coarse model.
 TEST_F(Choice, ThePullBeforeAPatchIsThereCounts)
 {
     vary(false, false, false, false);
@@ -194,7 +194,7 @@ TEST_F(Choice, ThePullBeforeAPatchIsThereCounts)
     EXPECT_NE(warnings.find("% later on"), std::string::npos) << warnings;
 }
 
-// what the tissue does under the scene's gravity from the first frame on, with no more iterations than the settings have
+// The error includes the motion under the scene's gravity from the first frame on, with the iterations of the settings.
 TEST_F(Choice, GravityIsMeasuredAsItIsSeen)
 {
     vary(false, false, false, false);
@@ -228,9 +228,9 @@ TEST_F(Choice, ItsOwnTimeLimitIsNoError)
     pliant_set_log([](pliant_log_level level, const char *message, void *user) {
         if (level == PLIANT_LOG_ERROR) *static_cast<std::string *>(user) += std::string(message) + "\n";
     }, &errors);
-    for (const char *when : {"displacement", "force"}) { // before anything is known of the first candidate, and when its first point is
+    for (const char *when : {"displacement", "force"}) { // before the first point of the first candidate, and after it
         struct { const char *when; bool waited; } seen = {when, false};
-        auto wait = [](double, const char *stage, void *user) { // until time is up, in the middle of a run
+        auto wait = [](double, const char *stage, void *user) { // wait until the time limit, in the middle of a run
             auto *at = static_cast<decltype(seen) *>(user);
             const std::string text = stage;
             if (at->waited || text.find(at->when) == std::string::npos || text.find("budget 2") == std::string::npos) return true;
@@ -247,7 +247,7 @@ TEST_F(Choice, ItsOwnTimeLimitIsNoError)
     }
 }
 
-// a machine that does other work: whenever the program has run for a moment, it stands still for ten times as long
+// Simulate a busy machine: after each short run, the program stands still for ten times as long.
 TEST_F(Choice, WhatOtherProgramsTakeIsNoTimeOfAStep)
 {
     vary(false, false, false, false);
@@ -270,13 +270,13 @@ TEST_F(Choice, WhatOtherProgramsTakeIsNoTimeOfAStep)
     const pliant_status status = choose();
     const itimerval never{};
     setitimer(ITIMER_REAL, &never, nullptr);
-    std::signal(SIGALRM, SIG_IGN); // another thread may be in the handler, and set the timer once more
+    std::signal(SIGALRM, SIG_IGN); // another thread may still be in the handler and start the timer again
     ASSERT_EQ(status, PLIANT_OK) << pliant_last_error();
     ASSERT_TRUE(choice.made);
     EXPECT_LT(choice.seconds, 4 * quiet);
 }
 
-// ---- which of the points is taken
+// ---- the choice among points
 
 choice_point point_of(double error, double later, double milliseconds, double evaluations, int32_t tetrahedra)
 {
@@ -295,12 +295,12 @@ choice_point point_of(double error, double later, double milliseconds, double ev
 
 TEST(ChoiceOfPoints, NothingIsTakenThatLessWorkBetters)
 {
-    // the second does less than the first and is better, but something else took its time
+    // The second point needs less work and has a smaller error, but other programs delayed it.
     const choice_point points[] = {point_of(0.58, 0.58, 6, 30, 5000), point_of(0.004, 0.004, 40, 2, 4000), point_of(0.001, 0.001, 50, 31, 4000)};
     EXPECT_EQ(choice_best(points, 3, PLIANT_MEASURE_P95, 0, 8e-3), points + 1);
     EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 1), 6e-3);
     EXPECT_DOUBLE_EQ(choice_seconds(points, 3, points + 2), 50e-3) << "one evaluation more";
-    // but not where it may well be slower: more evaluations on the smaller mesh, a patch, the GPU
+    // But a point stays where it may be slower: with more evaluations on the smaller mesh, with a patch, or on the GPU.
     choice_point others[] = {points[0], point_of(0.004, 0.004, 40, 31, 4000), point_of(0.003, 0.003, 40, 2, 4000), point_of(0.002, 0.002, 40, 2, 4000)};
     others[2].candidate.by = {PLIANT_AVERAGED, PLIANT_TOUCH_OVERLAP, 0.05};
     others[3].on_host = false;
@@ -320,7 +320,7 @@ TEST(ChoiceOfPoints, TheWorstFrameFirstThenWhatComesLaterThenTime)
     EXPECT_EQ(choice_best(same, 3, PLIANT_MEASURE_MAX, 0, 1), same + 1);
 }
 
-// u + C h^p on meshes of one, two and four times the resolution, the last of which is the reference.
+// Errors u + C h^p on meshes of one, two and four times the resolution. The finest one is the reference.
 TEST(ChoiceOfPoints, IterationsAreNotSpentBelowTheErrorOfTheMesh)
 {
     auto fine_of = [](int32_t ratio, double error, double milliseconds, double evaluations) {
@@ -389,24 +389,24 @@ TEST_F(Choice, ALoadThatIsCancelledChoosesNothing)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
-// whoever is asked once more after saying no, for another thread, is not taken to have changed his mind
+// After a callback has cancelled, a call from another thread does not continue the choice.
 TEST_F(Choice, SayingNoOnceIsEnough)
 {
     vary(false, false, false, false);
-    body.scene.model.method = PLIANT_LOD; // every cube asks
+    body.scene.model.method = PLIANT_LOD; // each cube calls back
     body.cells(3, 3, 3, 2);
     body.scene.solver.threads = 2;
     struct { int calls; } asked = {0};
     auto stop = [](double, const char *stage, void *user) {
         if (std::string(stage).find("building lod") == std::string::npos) return true;
-        std::this_thread::sleep_for(std::chrono::milliseconds(3)); // the other thread waits to ask
+        std::this_thread::sleep_for(std::chrono::milliseconds(3)); // so that the other thread waits for its call
         return ++static_cast<decltype(asked) *>(user)->calls != 9;
     };
     EXPECT_EQ(pliant_choose(&input, nullptr, {stop, &asked}, &choice), PLIANT_ERROR_CANCELLED);
     EXPECT_EQ(asked.calls, 9);
 }
 
-// which means nothing to the fine method: there is one of it on every mesh
+// The fine method ignores the patch: each mesh has one fine candidate.
 TEST_F(Choice, AFineScenesPatchIsNoOtherMethod)
 {
     vary(true, false, false, false);
@@ -451,7 +451,7 @@ TEST_F(Choice, AFailingAllocationDropsACandidateOrTheChoiceButNotTheLoad)
         pliant_status status = pliant_choose(&input, nullptr, {nullptr, nullptr}, &tried);
         pliant_memory_fail_after(-1);
         ASSERT_EQ(pliant_memory_in_use(), before) << n;
-        if (status == PLIANT_ERROR_MEMORY) continue; // not even room for the tables
+        if (status == PLIANT_ERROR_MEMORY) continue; // too little memory even for the tables
         ASSERT_EQ(status, PLIANT_OK) << n << ": " << pliant_last_error();
         ASSERT_EQ(pliant_scene_check(&tried.scene), PLIANT_OK) << n;
         made += tried.made;

@@ -1,4 +1,5 @@
-/* From voxels to materials, against a plain reading of the rule: the label if there is one, else the range. */
+/* Tests of the classification of voxels against a plain reading of the rule: the label if there is one, else the
+ * range. */
 #include "pliant/material.h"
 #include "pliant/memory.h"
 
@@ -143,7 +144,7 @@ TEST_F(Classify, lists_intensities_without_a_material)
     int16_t *voxel = static_cast<int16_t *>(scan.voxels);
     materials[FAT].num_range = 0;
     voxel[0] = -3001, voxel[1] = -100, voxel[2] = -21, voxel[3] = 5000, voxel[4] = 6000, voxel[5] = 6001;
-    labels.voxels[4] = 7; /* has a label: no matter what intensity */
+    labels.voxels[4] = 7; /* a voxel with a label: its intensity has no effect */
     std::string message = refusal(true);
     expect_words(message, {"below -3000: 1 voxels", "[-500, -20): 2 voxels", "from 5000: 2 voxels"});
     EXPECT_EQ(message.find("labels"), std::string::npos) << message;
@@ -177,7 +178,7 @@ TEST_F(Classify, labels_without_voxels_are_none)
     EXPECT_EQ(without, empty);
 }
 
-/* What a whole table makes of a whole scan: the share of voxels of each material. */
+/* Return the fraction of voxels of each material, for a whole table and a whole scan. */
 static std::vector<double> shares(const char *table_file, const pliant_volume &scan, const pliant_labels *labels,
                                   std::vector<std::string> *names)
 {
@@ -214,7 +215,8 @@ TEST(classify, an_abdomen_ct_with_and_without_its_labels)
     std::vector<std::string> names;
     std::vector<double> by_label = shares("totalsegmentator.yaml", scan, &labels, &names);
     const double voxels = static_cast<double>(pliant_geometry_voxels(&scan.geometry));
-    /* counted in the label map by hand: liver 5; spleen 1; lungs 10, 11, 14; hips 77, 78 are among the bones */
+    /* The expected fractions come from the label map: liver 5, spleen 1, lungs 10, 11 and 14. Hips 77 and 78 are
+     * bones. */
     EXPECT_NEAR(share_of("liver", by_label, names), 41692 / voxels, 1e-9);
     EXPECT_NEAR(share_of("spleen", by_label, names), 9668 / voxels, 1e-9);
     EXPECT_GT(share_of("bone", by_label, names), (13166 + 13048) / voxels);
@@ -243,7 +245,8 @@ TEST(classify, the_phantom_with_and_without_its_labels)
     std::vector<double> by_range = shares("phantom.yaml", scan, nullptr, &names);
     EXPECT_NEAR(share_of("air", by_label, names), share_of("air", by_range, names), 0.02);
     EXPECT_NEAR(share_of("fat", by_label, names), share_of("fat", by_range, names), 0.05);
-    EXPECT_GT(share_of("bone", by_label, names), share_of("bone", by_range, names)); /* discs and marrow are darker */
+    /* discs and marrow are darker than the range of bone */
+    EXPECT_GT(share_of("bone", by_label, names), share_of("bone", by_range, names));
     pliant_volume_free(&scan);
     pliant_labels_free(&labels);
 }

@@ -1,4 +1,5 @@
-// Where parts that move touch the surface of the tissue: points hold the tissue before a part, and stand for the area in touch.
+// Collision detection between moving parts and the surface of the tissue. Contact points stop the tissue in front of a
+// part, and carry the contact area.
 #include "contact/detect/find.h"
 #include "pipeline/body.h"
 #include "pliant/memory.h"
@@ -17,7 +18,7 @@ struct Found {
     ~Found() { pliant_free(contacts.point); }
 };
 
-// A part that goes from one pose to another.
+// A part that moves from one pose to another.
 struct Moving {
     pliant_part part;
     pliant_tool_shape shape{};
@@ -49,7 +50,7 @@ struct Moving {
     }
 };
 
-// A sheet of one layer of cubes of 10 mm, 2 mm thick, at z = 0 to 2 mm.
+// A sheet of one layer of 10 mm cubes, 2 mm thick, at z = 0 to 2 mm.
 struct Sheet : Body {
     Sheet(int across = 10) : Body(size, box, {{4000, 0.45, 1000, false}})
     {
@@ -118,7 +119,7 @@ TEST(Find, ABallAboveTheSheetTouchesTheTriangleUnderItAlone)
     EXPECT_NEAR(point.place[2], 0.0024, 1e-9);
 }
 
-// Nothing passes: a point holds the tissue before the part as far as it went.
+// No sweep tunnels: a contact point keeps the tissue in front of the part along its whole motion.
 TEST(Find, NoneOfManySweepsPassesUndetected)
 {
     Sheet sheet;
@@ -132,7 +133,7 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
         const double side = n % 4 < 2 ? 1 : -1; // from above and from below
         const double from[3] = {random(0.03, 0.07), random(0.03, 0.07), side > 0 ? 0.002 + part.radius + random(1e-4, 0.008) : -part.radius - random(1e-4, 0.008)};
         const double to[3] = {from[0] + random(-0.005, 0.005), from[1] + random(-0.005, 0.005), side > 0 ? -random(0, 0.01) : 0.002 + random(0, 0.01)};
-        // the rod stands away from the sheet, at up to 60 degrees
+        // the rod points away from the sheet, at an angle of up to 60 degrees
         const double tilt = random(0, M_PI / 3), about = random(0, 2 * M_PI), half = 0.5 * (side > 0 ? tilt : M_PI - tilt);
         const double rotation[4] = {std::sin(half) * std::cos(about), std::sin(half) * std::sin(about), 0, std::cos(half)};
         Moving moving(part, from, to, rotation);
@@ -142,7 +143,7 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
         for (int32_t p = 0; p < found.contacts.count; p++)
             if (found.contacts.point[p].normal[2] * side < 0) deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
         missed += found.contacts.count == 0;
-        // the tissue under the tip has to go at least half as far as the tip has beyond the sheet
+        // the contact must push the tissue by at least half of the tip's penetration depth
         const double beyond = side > 0 ? 0.002 - (to[2] - part.radius) : to[2] + part.radius;
         behind += deepest > -0.5 * beyond;
     }
@@ -150,7 +151,8 @@ TEST(Find, NoneOfManySweepsPassesUndetected)
     EXPECT_EQ(behind, 0);
 }
 
-// Nor does a solid: a rod with a flat end, by its field and as a hull. PLIANT_SWEEPS: as many in all, in place of 400.
+// No solid tunnels: a rod with a flat end, by its distance field and as a hull. PLIANT_SWEEPS sets the number of sweeps
+// (default 400).
 TEST(Find, NoSolidPassesUndetected)
 {
     Sheet sheet;
@@ -182,7 +184,7 @@ TEST(Find, NoSolidPassesUndetected)
                 for (int32_t p = 0; p < found.contacts.count; p++)
                     if (found.contacts.point[p].normal[2] < 0) deepest = std::fmin(deepest, gap_of(sheet, found.contacts.point[p]));
                 missed += found.contacts.count == 0;
-                behind += deepest > -0.1 * (0.002 - to[2]); // the middle of its end; a side that goes aslant pushes less
+                behind += deepest > -0.1 * (0.002 - to[2]); // at the middle of its end; an oblique side pushes less
             }
             EXPECT_EQ(missed, 0) << convex << radius;
             EXPECT_EQ(behind, 0) << convex << radius;

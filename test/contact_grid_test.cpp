@@ -1,4 +1,4 @@
-// Which tetrahedra of a deformed mesh overlap, against all pairs.
+// Tests of the overlap search in a deformed mesh, against a test of all pairs.
 #include "contact/detect/grid.h"
 #include "contact/detect/overlap.h"
 #include "pliant/memory.h"
@@ -20,7 +20,7 @@ struct Soup {
     std::vector<int32_t> tets, all;
     std::vector<double> positions;
 
-    // tetrahedra in a unit box, among them some that are far larger than the others; a third share nodes with the one before
+    // Tetrahedra in a unit box. Some are far larger than the others. A third of them share nodes with the previous one.
     explicit Soup(int count)
     {
         std::mt19937 random(7);
@@ -112,7 +112,7 @@ TEST(ContactGrid, HoldsNothingOrNumbersThatAreNone)
     for (double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
         for (int v = 0; v < 4; v++) soup.positions[3 * soup.tets[4 * 7 + v]] = bad;
         std::vector<int32_t> others = soup.all;
-        others.erase(others.begin() + 6, others.begin() + 9); // with those that share its nodes
+        others.erase(others.begin() + 6, others.begin() + 9); // remove it with the two that share its nodes
         Pairs found = pairs_of(grid, soup, soup.all, 0, 2), kept;
         for (const auto &pair : found)
             if (pair.first < 6 || pair.first > 8) (pair.second < 6 || pair.second > 8) ? kept.push_back(pair) : void();
@@ -120,7 +120,7 @@ TEST(ContactGrid, HoldsNothingOrNumbersThatAreNone)
         EXPECT_EQ(kept, soup.truth(others));
         for (const auto &pair : found) EXPECT_TRUE(pair.first != 7 && pair.second != 7);
     }
-    // a few far away: cells stay as many as there are tetrahedra
+    // With a few nodes far away, the number of cells stays near the number of tetrahedra.
     for (int v = 0; v < 4; v++) soup.positions[3 * soup.tets[4 * 7 + v]] = 1e9;
     pairs_of(grid, soup, soup.all, 0, 2);
     EXPECT_LE(static_cast<int64_t>(grid.cells[0]) * grid.cells[1] * grid.cells[2], 8 * 60 + 64);

@@ -1,4 +1,4 @@
-// Contacts in explicit dynamics: what is conserved, what is lost, and what stays.
+// Tests of contact in explicit dynamics: conserved quantities, dissipation and static friction.
 #include "contacts.h"
 
 #include "fem/dynamics/tled.h"
@@ -16,10 +16,10 @@ struct Cube : Body {
         scene.solver.threads = 1;
         scene.tled.damping = 0;
         scene.ground.normal[2] = 1;
-        scene.ground.point[2] = -10; // what falls is allowed
+        scene.ground.point[2] = -10; // far below, so that the cube may fall
         for (double &g : scene.model.gravity) g = 0;
     }
-    // mean of the lowest nodes
+    // Return the mean x of the lowest nodes.
     double foot() const
     {
         double sum = 0;
@@ -31,7 +31,7 @@ struct Cube : Body {
             }
         return sum / count;
     }
-    // half a sub-step ago
+    // The momentum half a sub-step earlier.
     void momentum(double out[3]) const
     {
         out[0] = out[1] = out[2] = 0;
@@ -49,7 +49,7 @@ constexpr double Cube::edge, Cube::mass;
 
 Obstacle floor_of(double friction) { return {Obstacle::HALF_SPACE, {0, 0, 0}, {0, 0, 1}, 0, friction, {0, 0, 0}, -1}; }
 
-// On a slope it stays where tan is below mu, and above it slides with g (sin - mu cos).
+// On a slope the block sticks if tan(slope) < mu. On a steeper slope it slides with g (sin - mu cos).
 TEST(ContactTled, ABlockOnASlope)
 {
     const double friction = 0.4;
@@ -67,7 +67,7 @@ TEST(ContactTled, ABlockOnASlope)
         run(1);
         const double gravity[3] = {0.9 * std::fmin(down, friction * press), 0, -press};
         ASSERT_EQ(pliant_data_set_gravity(cube.data, gravity), PLIANT_OK);
-        run(1); // leans
+        run(1); // it leans on the friction
         double force[3], start[3], end[3];
         const double whole[3] = {down, 0, -press};
         ASSERT_EQ(pliant_data_set_gravity(cube.data, whole), PLIANT_OK);
@@ -85,7 +85,8 @@ TEST(ContactTled, ABlockOnASlope)
     }
 }
 
-// Thrown at the floor and at a sphere, with friction: no step adds to what is kept, and the change of momentum is the force's.
+// A cube thrown at the floor and at a sphere, with friction. No step increases the energy. The momentum changes by the
+// force's impulse.
 TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
 {
     Cube cube;
@@ -115,7 +116,8 @@ TEST(ContactTled, EnergyNeverGrowsAndForceIsTheChangeOfMomentum)
     EXPECT_GT(most, 0.1);
 }
 
-// Dynamic relaxation under a plate comes to the force of a bar, and goes back when it is let go.
+// Dynamic relaxation under a plate converges to the analytic force of a bar. Without the plate the cube returns to
+// rest.
 TEST(ContactTled, RelaxesUnderAPlate)
 {
     const double depth = 0.0002;

@@ -1,4 +1,4 @@
-// Contacts of a body with half-spaces, spheres and upright cylinders that move, for tests of what solvers make of them.
+// Contacts of a body with moving half-spaces, spheres and upright cylinders, for tests of the contact solvers.
 #ifndef PLIANT_TEST_CONTACTS_H
 #define PLIANT_TEST_CONTACTS_H
 
@@ -8,11 +8,11 @@
 
 struct Obstacle {
     enum Kind { HALF_SPACE, SPHERE, PUNCH } kind;
-    double place[3];     // a point of the surface; the sphere's centre; the middle of the punch's face, which looks down
+    double place[3];     // a point of the plane; the sphere's centre; the middle of the punch's lower face
     double normal[3];    // of the half-space
-    double radius, friction; // radius of a half-space: only so far around its place; 0: everywhere
-    double drift[3];     // in the last step
-    int tool;            // -1: the ground
+    double radius, friction; // for a half-space, its extent around `place`; 0: unbounded
+    double drift[3];     // motion in the last step
+    int tool;            // tool's number; -1: the ground
 
     void move(double x, double y, double z)
     {
@@ -22,7 +22,7 @@ struct Obstacle {
             place[d] += to[d];
         }
     }
-    // outward normal and the nearest point of the surface; false: far away
+    // Return the outward normal and the nearest point of the surface; false if the point is too far away.
     bool touch(const double x[3], double n[3], double p[3]) const
     {
         if (kind == PUNCH) {
@@ -50,7 +50,7 @@ struct Obstacle {
     }
 };
 
-// Points at the nodes of the surface that lie within reach of an obstacle.
+// Contact points at the surface nodes within reach of an obstacle.
 class Toucher {
 public:
     std::vector<Obstacle> obstacles;
@@ -100,7 +100,7 @@ public:
         data->contacts.count = data->contacts.room = static_cast<int32_t>(points.size());
         for (size_t p = 0; p < points.size(); p++) data->contacts.point[p] = points[p];
     }
-    // the stages of a step with these contacts in place of those of tools
+    // Run the stages of a step with these contacts instead of the tools' contacts.
     static pliant_status solve(const pliant_model *model, pliant_data *data)
     {
         pliant_status status = data->backend->kind->interact(model, data);
@@ -109,7 +109,7 @@ public:
         if (status >= 0) data->statistics.step++;
         return status;
     }
-    // find, a step, and the obstacles rest
+    // Detect contacts, run a step, and stop the obstacles.
     pliant_status step(const pliant_model *model, pliant_data *data)
     {
         find(data);
@@ -123,7 +123,7 @@ public:
         for (int s = 0; s < steps && status == PLIANT_NOT_CONVERGED; s++) status = step(model, data);
         return status;
     }
-    // on the tissue, of one obstacle, or of all
+    // Return the force on the tissue, of one obstacle or of all obstacles (-1).
     static void force(const pliant_data *data, double out[3], int obstacle = -1)
     {
         out[0] = out[1] = out[2] = 0;

@@ -1,4 +1,5 @@
-# Architectures by what a toolkit knows and a machine has: cmake -P cuda_architectures_test.cmake
+# Test the choice of CUDA architectures from those of the toolkit and of the machine.
+# Usage: cmake -P cuda_architectures_test.cmake
 cmake_minimum_required(VERSION 3.16)
 include(${CMAKE_CURRENT_LIST_DIR}/../src/cmake/pliant_cuda_architectures.cmake)
 

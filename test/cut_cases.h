@@ -1,4 +1,5 @@
-// Bodies that are cut, made from the definitions: which links a blade severs, which voxels hang together then, which nodes they share.
+// Cut bodies, built directly from the definitions: the links that a blade severs, the connected voxels, and the shared
+// nodes.
 #ifndef PLIANT_TEST_CUT_CASES_H
 #define PLIANT_TEST_CUT_CASES_H
 
@@ -13,10 +14,10 @@ namespace cut_cases {
 using warp_cases::positions;
 using warp_cases::vector3;
 
-// Whether the way between two places of the scan (index) is cut.
+// Return whether a blade cuts the segment between two points of the scan (index coordinates).
 using Blade = std::function<bool(const vector3 &, const vector3 &)>;
 
-// a plane through a point, as far as `until` says
+// A plane through a point. `until` limits its extent; none: unbounded.
 inline Blade plane(const vector3 &through, const vector3 &normal, std::function<bool(const vector3 &)> until = nullptr)
 {
     return [=](const vector3 &a, const vector3 &b) {
@@ -32,7 +33,7 @@ inline Blade plane(const vector3 &through, const vector3 &normal, std::function<
     };
 }
 
-// chips: parts of so few voxels move with a neighbour's fragment
+// A cut body. chips: fragments of at most so many voxels move with a neighbour's fragment.
 struct CutBody {
     pliant_body body{};
     pliant_cuts cuts{};
@@ -43,7 +44,7 @@ struct CutBody {
 
     CutBody(const pliant_mesh &mesh, const pliant_voxels &voxels, const std::vector<Blade> &blades, int chip = 0)
     {
-        body.fine = mesh; // arrays that stay what they are are the mesh's
+        body.fine = mesh; // the body shares the mesh's arrays that a cut does not change
         body.voxels = &voxels;
         body.revision = 2;
         tets.assign(mesh.tets, mesh.tets + 4 * mesh.num_tets);
@@ -138,7 +139,8 @@ private:
         }
         point();
     }
-    // parts of up to `most` voxels that are not all of their tetrahedron: the fragment stays, and carries nothing
+    // Let a neighbour carry fragments of up to `most` voxels that do not fill their tetrahedron. The empty fragment
+    // remains.
     void adopt(int32_t most)
     {
         const pliant_voxels &voxels = *body.voxels;
@@ -161,7 +163,7 @@ private:
                 chips += by >= 0;
             }
     }
-    // corners of fragments that a link, a diagonal or a bridge joins are one node where they were one at load
+    // Merge corners of fragments that a link, a diagonal or a bridge joins, if they were one node at load.
     void share_nodes()
     {
         const pliant_voxels &voxels = *body.voxels;

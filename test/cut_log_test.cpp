@@ -1,4 +1,4 @@
-// What a body tells of its cuts makes it again from the one at load.
+// A body's log of cuts reproduces the body from the body at load.
 #include "cuts.h"
 
 namespace {
@@ -21,7 +21,7 @@ std::unique_ptr<Cuttable> cut_block(int cuts)
         for (double &x : block->positions) x += 0.002 * unit(random);
         const double normal[3] = {unit(random), unit(random), unit(random)};
         double point[3] = {0.075 + 0.06 * unit(random), 0.05 + 0.04 * unit(random), 0.05 + 0.04 * unit(random)};
-        // every other time at a bridge
+        // every second cut passes near a bridge
         const int32_t voxel = voxels.num_bridges > 0 ? voxels.bridge[2 * (c * 37 % voxels.num_bridges)] : -1;
         const int32_t at[3] = {voxel % size[0], voxel / size[0] % size[1], voxel / size[0] / size[1]};
         for (int d = 0; d < 3 && voxel >= 0 && c % 2; d++) point[d] = box[d] * (at[d] + 0.5 + 0.3 * unit(random)) / size[d];
@@ -62,7 +62,7 @@ TEST(cut_log, makes_the_same_body_bit_for_bit)
     EXPECT_TRUE(std::equal(cuts->severed, cuts->severed + cuts->cut_end[cuts->num_cuts - 1], again->cuts->severed));
 }
 
-// all at once leaves the same voxels joined, but numbers what was made in another order
+// One cut with all links leaves the same voxels joined, but it numbers the new nodes in another order.
 TEST(cut_log, the_order_of_cuts_counts)
 {
     auto block = cut_block(6);

@@ -1,4 +1,5 @@
-// Cuts that subdivide tetrahedra (cut/kind: subdivide): what becomes of the mesh, of its state, and what cannot be had with it.
+// Tests of cuts that subdivide tetrahedra (cut/kind: subdivide): the mesh, the simulation state, and unsupported
+// combinations.
 #include "cuts.h"
 #include "pliant/surface.h"
 #include "pliant/warp.h"
@@ -33,7 +34,7 @@ std::unique_ptr<Body> uniform(const std::function<void(pliant_scene &)> &set = [
     return built(std::move(body), set);
 }
 
-// A body and what cuts have made of it, and where its nodes are
+// A body, its current cut body, and the positions of the nodes.
 struct Split {
     std::unique_ptr<Body> body;
     const pliant_body *now;
@@ -84,8 +85,8 @@ double area_of(const pliant_mesh &mesh, const int32_t *triangles, int32_t first,
     return sum;
 }
 
-// All volumes positive, and faces that are not shared are the box's and both sides of what has been opened: where neighbours split a
-// face in other ways, there would be more of them.
+// Check that all volumes are positive. Unshared faces must have the area of the box plus both sides of the opened area.
+// If two neighbours split a face differently, the unshared area would be larger.
 void expect_sound(const pliant_body &body, double opened)
 {
     double gradients[12], volume = 0, least = 1;
@@ -105,7 +106,7 @@ void expect_sound(const pliant_body &body, double opened)
     pliant_surface_free(seen);
 }
 
-// of all edges with a node that was appended
+// over all edges with an appended node
 double shortest_edge(const pliant_body &body)
 {
     double least = 1;
@@ -134,7 +135,7 @@ TEST(Subdivide, APlaneMakesTwoPiecesThatAddUp)
         EXPECT_NEAR(block.report.area_of[0] + block.report.area_of[1], block.report.area, 1e-12);
         EXPECT_NEAR(total_mass(*block.now), mass, 1e-12 * mass);
         expect_sound(*block.now, block.report.area);
-        // every piece is on its side, but for what the plane was snapped by
+        // Every piece lies on its side of the plane, up to the snapping distance.
         const std::vector<int32_t> pieces = mesh_pieces(*block.now);
         std::map<int32_t, std::array<double, 2>> reach;
         for (int32_t v = 0; v < 4 * block.now->fine.num_tets; v++) {
@@ -179,7 +180,8 @@ TEST(Subdivide, NodesOnEdgesAreFixedBetweenFixedOnesAlone)
     EXPECT_GT(beside, 3);
 }
 
-// Nodes, edges and faces that lie in a blade's plane stay what they are: only what it passes between them is cut, and the section is the plane's.
+// A cut keeps nodes, edges and faces in the blade's plane. It splits only the tetrahedra that the plane passes through.
+// The area is the plane's section.
 TEST(Subdivide, PlanesWhereEverythingIsOnThem)
 {
     const struct { double point[3], normal[3]; bool splits; } cases[] = {
@@ -187,7 +189,7 @@ TEST(Subdivide, PlanesWhereEverythingIsOnThem)
         {{0.1, 0.05, 0.05}, {1, 1, 1}, false},  // faces of tetrahedra
         {{0.1, 0.05, 0.05}, {1, 1, 0}, true},   // edges and nodes
         {{0.1, 0.05, 0.05}, {1, 0.5, 0}, true}, // some of the nodes
-        {{0.1, 0.1, 0.05}, {0, 1, 0}, false},   // its side
+        {{0.1, 0.1, 0.05}, {0, 1, 0}, false},   // the side of the bar
     };
     for (const auto &one : cases)
         for (double half : {10.0, 1e6}) {
@@ -206,7 +208,7 @@ TEST(Subdivide, PlanesWhereEverythingIsOnThem)
         }
 }
 
-// A plane that misses all nodes by far cuts each tetrahedron into four (a corner off) or six (two corners from two).
+// A plane far from all nodes splits a tetrahedron into four parts (one corner off) or six (two corners off).
 TEST(Subdivide, TetrahedraAreSplitByTheNumberOfTheirCutEdges)
 {
     Split block(bar());
@@ -227,7 +229,7 @@ TEST(Subdivide, TetrahedraAreSplitByTheNumberOfTheirCutEdges)
     EXPECT_NEAR(block.report.area, 0.01, 1e-12);
 }
 
-// What the state is taken from keeps every affine map, and the smaller tetrahedra are at rest in it as those before were.
+// The transfer of the state keeps every affine map. The smaller tetrahedra have the rest shape of their sources.
 TEST(Subdivide, AffineMapsPassThrough)
 {
     auto body = bar([](pliant_scene &) {});
@@ -280,7 +282,7 @@ void random_strokes(Split &block, int strokes)
     const double mass = total_mass(*block.now);
     double opened = 0;
     for (int s = 0; s < strokes; s++) {
-        for (int32_t n = 0; n < block.now->fine.num_nodes; n++) { // a smooth motion of some millimetres
+        for (int32_t n = 0; n < block.now->fine.num_nodes; n++) { // a smooth motion of a few millimetres
             const double *x = block.now->fine.rest + 3 * n;
             for (int d = 0; d < 3; d++) block.positions[3 * n + d] = x[d] + 0.004 * std::sin(30 * x[(d + 1) % 3] + s);
         }
@@ -318,7 +320,8 @@ TEST(Subdivide, FiftyRandomStrokesLeaveASoundMesh)
     EXPECT_TRUE(pliant_body_same(block.now, again.now)) << "the same strokes, other bits";
 }
 
-// What is drawn: at rest the scan, and of what has come off, moved by whole voxels, its own voxels and nothing of the other side.
+// The warp draws the scan at rest. After the detached piece moves by whole voxels, it draws the piece's own voxels and
+// no others.
 TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)
 {
     Split block(bar());
@@ -365,7 +368,8 @@ TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)
         const bool goes = right.count(pieces[tet[v]]) > 0;
         wrong += drawn(i + (goes ? shift : 0), j, k) != voxels[v];
         if (!goes || i < shift || on_face(from)) continue;
-        if (right.count(pieces[tet[from]])) doubled += drawn(i, j, k) != voxels[from]; // where it was, its other end has come
+        // the other end of the piece now covers its old place
+        if (right.count(pieces[tet[from]])) doubled += drawn(i, j, k) != voxels[from];
         else none += drawn(i, j, k) != 0;
     }
     EXPECT_EQ(wrong, 0);
@@ -376,7 +380,7 @@ TEST(Subdivide, EveryVoxelIsDrawnByTheTetrahedronThatHoldsIt)
 
 // ---- in a simulation
 
-// A blade goes down through the bar, two millimetres a step, while it sags
+// Move a blade down through the bar, 2 mm per step, while the bar sags.
 void stroke_through(Body &body, int tool, double x, double to)
 {
     double at[3] = {x, 0.05, 0.115};
@@ -426,7 +430,8 @@ TEST(Subdivide, ABladeCutsAsItGoes)
     }
 }
 
-// Blades at a slant through a bar that bends away under its weight by centimetres while it is cut: nothing slips through, also not on its surface.
+// Oblique blades cut a bar that bends by centimetres under its weight. No tissue passes through, not even at its
+// surface.
 TEST(Subdivide, ABladeAtASlantPartsWhatMoves)
 {
     std::mt19937 random(11);
@@ -445,7 +450,7 @@ TEST(Subdivide, ABladeAtASlantPartsWhatMoves)
         ASSERT_EQ(pliant_tool_add(body->model, body->data, "knife", &tool), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_blade(body->data, tool, from, to), PLIANT_OK);
         double at[3] = {0.13 + 0.03 * draws[4], 0.05, 0.15};
-        for (; at[2] > -0.21; step++, at[2] -= 0.003, at[0] += 0.0009 * draws[5]) { // beyond where the end hangs
+        for (; at[2] > -0.21; step++, at[2] -= 0.003, at[0] += 0.0009 * draws[5]) { // below the bent end of the bar
             const double place[3] = {at[0] + 0.002 * (run % 3) * std::sin(0.7 * step), at[1], at[2]};
             ASSERT_EQ(pliant_tool_set_pose(body->data, tool, place, nullptr), PLIANT_OK);
             ASSERT_EQ(pliant_tool_set_cutting(body->data, tool, true), PLIANT_OK);
@@ -473,7 +478,7 @@ TEST(Subdivide, ExplicitStepsShrinkWithTheSmallestTetrahedron)
     EXPECT_LE(after.time_step, after.eigenvalue_bound);
 }
 
-// Velocity is inherited with the place: what moves as one goes on as one.
+// New nodes inherit the velocity at their position, so a uniform motion continues.
 TEST(Subdivide, MotionGoesOn)
 {
     auto body = uniform([](pliant_scene &scene) {
@@ -546,7 +551,8 @@ TEST(Subdivide, WhenMemoryIsShortNothingChanges)
     EXPECT_GT(n, 40);
 }
 
-// Two sides moved apart: as tetrahedra draw them, nothing in between, and no fit of one reaches for nodes of the other. Undone, it is the fit of the whole.
+// Two sides moved apart: rasterization and the fit draw nothing between them. No fit uses nodes of the other side.
+// After undo, it is the fit of the whole body.
 TEST(Subdivide, AFitDoesNotReachAcross)
 {
     Split block(bar());
@@ -559,7 +565,7 @@ TEST(Subdivide, AFitDoesNotReachAcross)
     const double far[3] = {0.23, 0.1, 0.1};
     scan.background = 0;
     ASSERT_EQ(pliant_warp_target(&scan.geometry, far, 1, 0.002, 1 << 20, &target), PLIANT_OK);
-    pliant_warp *warps[3] = {}; // by tetrahedra; fitted, cut before and after it
+    pliant_warp *warps[3] = {}; // rasterized; fitted before the cut; fitted after the cut
     for (pliant_warp *&warp : warps) ASSERT_EQ(pliant_warp_create(&scan, &load, &target, 1, &warp), PLIANT_OK);
     ASSERT_EQ(pliant_warp_fit(warps[1], 2), PLIANT_OK);
     ASSERT_EQ(pliant_warp_update(warps[1], load.rest), PLIANT_OK);
@@ -586,7 +592,7 @@ TEST(Subdivide, AFitDoesNotReachAcross)
     int apart = 0, open = 0;
     for (int k = 2; k < 18; k++)
         for (int j = 2; j < 18; j++)
-            for (int i = 2; i < 42; i++) { // the hull of a fit is a voxel further out
+            for (int i = 2; i < 42; i++) { // the hull of a fit extends one voxel further
                 const size_t v = static_cast<size_t>(i) + static_cast<size_t>(target.size[0]) * static_cast<size_t>(j + target.size[1] * k);
                 apart += std::abs(int(flat[v]) - int(fitted[v])) > 1;
                 open += flat[v] == 0;

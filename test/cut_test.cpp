@@ -1,4 +1,4 @@
-// Cuts of a body: what a sweep severs, and the next body.
+// Tests of cuts of a body: the severed links and the next body.
 #include "cuts.h"
 #include "cut/work.h"
 
@@ -20,7 +20,8 @@ std::unique_ptr<Cuttable> bar(const std::function<void(pliant_scene &)> &set = [
     return std::unique_ptr<Cuttable>(new Cuttable(std::move(body)));
 }
 
-// sums of stiffness and density over the fragments of every tetrahedron are its own; chips are another one's, by volume
+// Check that the fragments of each tetrahedron sum to its stiffness and density. Chips count by volume for the
+// tetrahedron that carries them.
 void expect_shares(const pliant_body &load, const pliant_body &now)
 {
     std::vector<double> lambda(static_cast<size_t>(load.fine.num_tets)), mu(lambda.size()), density(lambda.size());
@@ -45,7 +46,8 @@ void expect_shares(const pliant_body &load, const pliant_body &now)
     }
 }
 
-// Each modulus of a fragment is its voxels' part of the tetrahedron's: of lambda by their lambda, of mu by their mu. Returns how many were compared.
+// Compare each modulus of a fragment with its voxels' part of the tetrahedron's modulus: lambda by lambda, mu by mu.
+// Return the number of compared fragments.
 int expect_voxels_moduli(const pliant_body &now)
 {
     const pliant_voxels &voxels = *now.voxels;
@@ -82,7 +84,7 @@ int expect_voxels_moduli(const pliant_body &now)
     return compared;
 }
 
-// Cut off at a corner of the body: a single voxel keeps its links, three voxels in a row come off.
+// At a corner of the body, a single voxel keeps its links, but three voxels in a row are cut off.
 TEST(Cut, ThreeVoxelsComeOffAndOneDoesNot)
 {
     for (int voxels : {1, 3}) {
@@ -114,7 +116,7 @@ TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
     EXPECT_GT(expect_voxels_moduli(*block->now), 50);
     EXPECT_FALSE(block->cut_plane(point, normal)) << "again: nothing is left to be severed";
     EXPECT_EQ(block->report.num_links, 0);
-    // the rest voxels on either side are what hangs together
+    // voxels on one side of the plane belong to one piece
     const std::vector<int32_t> pieces = voxel_pieces(*block->now);
     std::map<int32_t, std::set<bool>> sides;
     for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++) {
@@ -126,7 +128,7 @@ TEST(Cut, APlaneMakesTwoPiecesThatAddUp)
     for (const auto &piece : sides) EXPECT_EQ(piece.second.size(), 1u);
 }
 
-// However the tissue lies: of tetrahedra at load, of those beside a cut and of fragments, none is left out that a blade may be near.
+// The search returns every tetrahedron near a blade: at load, adjacent to a cut, and fragments, for any deformation.
 TEST(Cut, NoTetrahedronNearABladeIsLeftOut)
 {
     auto block = bar();
@@ -208,7 +210,7 @@ TEST(Cut, RandomPlanesMakeTwoPieces)
         const double mass = total_mass(*block->now);
         double normal[3] = {1, 0.6 * unit(random), 0.6 * unit(random)}, point[3] = {0.1 + 0.03 * unit(random), 0.05, 0.05};
         const double wave[3] = {unit(random), unit(random), unit(random)};
-        // smooth and large, and every third time elements that are turned inside out
+        // smooth large deformations; every third trial has inverted elements
         for (int32_t n = 0; n < block->now->fine.num_nodes; n++) {
             double *x = block->positions.data() + 3 * n;
             const double y = x[1];
@@ -241,7 +243,7 @@ TEST(Cut, PlanesWhereEverythingIsOnThem)
         {{0.1, 0.05, 0.05}, {1, 1, 1}, 2},     // faces of tetrahedra
         {{0.1025, 0.0525, 0.0525}, {1, -1, 0}, 2}, // diagonals of voxels
         {{0.1, 0.0975, 0.05}, {0, 1, 0}, 2},   // along the bar, through the last layer of voxels
-        {{0.1, 0.1, 0.05}, {0, 1, 0}, 1},      // its side
+        {{0.1, 0.1, 0.05}, {0, 1, 0}, 1},      // the side of the bar
     };
     for (const auto &one : cases)
         for (double size : {10.0, 1e6}) {
@@ -266,7 +268,7 @@ TEST(Cut, AreaIsOfTheTissueAtRest)
             const double *x = block->now->fine.rest + 3 * n;
             block->positions[3 * n + r] = move[3 * r] * x[0] + move[3 * r + 1] * x[1] + move[3 * r + 2] * x[2];
         }
-    double point[3], moved[3]; // normals go by the transposed inverse
+    double point[3], moved[3]; // the inverse transpose moves normals
     for (int r = 0; r < 3; r++) {
         point[r] = move[3 * r] * rest[0] + move[3 * r + 1] * rest[1] + move[3 * r + 2] * rest[2];
         moved[r] = inverse[r] * normal[0] + inverse[3 + r] * normal[1] + inverse[6 + r] * normal[2];
@@ -294,7 +296,7 @@ TEST(Cut, AreaIsSharedByTheMaterialsOnBothSides)
     }
 }
 
-// Through centres of voxels, while the tissue is where it is up to the tolerance of a solve: one flat layer of links.
+// Through centres of voxels, a cut severs one flat layer of links, even with position errors of a solver's tolerance.
 TEST(Cut, ThroughCentresOfVoxelsItIsFlat)
 {
     std::mt19937 random(2);
@@ -319,7 +321,7 @@ TEST(Cut, ThroughCentresOfVoxelsItIsFlat)
                 }
                 EXPECT_EQ(layers.size(), 1u) << noise;
             }
-    // where stairs cannot be helped, in tissue that is bent by a tenth of a voxel, their area is that of the plane
+    // in tissue bent by a tenth of a voxel the links form steps, but the reported area is that of the plane
     auto block = bar();
     for (int32_t n = 0; n < block->now->fine.num_nodes; n++) block->positions[3 * n] += 5e-4 * std::sin(200 * block->positions[3 * n + 1]) * std::cos(170 * block->positions[3 * n + 2]);
     const double point[3] = {0.1025, 0.05, 0.05}, normal[3] = {1, 0, 0};
@@ -335,14 +337,16 @@ TEST(Cut, SweepsOfNothingSeverNothing)
     const pliant_body *before = block->now;
     EXPECT_FALSE(block->cut({}, {}));
     EXPECT_FALSE(block->cut({0.1, 0.05, 0.05}, {0.1, 0.05, 0.2}));                                         // a point
-    EXPECT_FALSE(block->cut({0.1, 0, 0.05, 0.1, 0.1, 0.05}, {0.1, 0, 0.05, 0.1, 0.1, 0.05}));              // stands still
-    EXPECT_FALSE(block->cut({0.1, 0, 0.05, 0.1, 0.1, 0.05}, {0.1, 0.01, 0.05, 0.1, 0.11, 0.05}));          // along itself
+    EXPECT_FALSE(block->cut({0.1, 0, 0.05, 0.1, 0.1, 0.05}, {0.1, 0, 0.05, 0.1, 0.1, 0.05}));              // no motion
+    // a motion along its own line
+    EXPECT_FALSE(block->cut({0.1, 0, 0.05, 0.1, 0.1, 0.05}, {0.1, 0.01, 0.05, 0.1, 0.11, 0.05}));
     EXPECT_FALSE(block->cut({0.1, 0, nan, 0.1, 0.1, nan}, {0.1, 0, 0.1, 0.1, 0.1, 0.1}));
     EXPECT_FALSE(block->cut({0.1, 0, 0, 0.1, 0.1, 0}, {0.1, 0, inf, 0.1, 0.1, inf}));
-    EXPECT_FALSE(block->cut({0.1, 0.2, 0, 0.1, 0.3, 0}, {0.1, 0.2, 0.1, 0.1, 0.3, 0.1}));                  // beside it
+    // next to the body
+    EXPECT_FALSE(block->cut({0.1, 0.2, 0, 0.1, 0.3, 0}, {0.1, 0.2, 0.1, 0.1, 0.3, 0.1}));
     EXPECT_FALSE(block->cut({1, 0, 0, 1, 1, 0}, {1, 0, 1, 1, 1, 1}));                                      // far away
     EXPECT_EQ(block->now, before);
-    block->positions[3 * 40] = nan; // tissue that is nowhere: what is elsewhere is cut
+    block->positions[3 * 40] = nan; // tissue with a NaN position does not stop the cut elsewhere
     EXPECT_TRUE(block->cut({0.15, -1, -1, 0.15, 1, -1}, {0.15, -1, 1, 0.15, 1, 1}));
     Body plain(size, box, {{4000, 0.4, 1000, false}});
     plain.fix_plane(1e-6, 0, 0, 1, 0, 0);
@@ -365,7 +369,7 @@ TEST(Cut, CrossingPlanesAndACurvedBlade)
         expect_shares(block->load(), *block->now);
     }
     EXPECT_NEAR(total_mass(*block->now), mass, 1e-12 * mass);
-    // a round one takes a core out
+    // A cylindrical blade cuts a core out.
     auto other = bar();
     std::vector<double> from, to;
     for (int p = 0; p <= 40; p++) {
@@ -434,7 +438,7 @@ TEST(Cut, TheSameBitsAgainWithOneThreadOrTwo)
     for (Cuttable *each : {one.get(), two.get()})
         for (const auto &normal : normals) ASSERT_TRUE(each->cut_plane(point, normal));
     expect_same(*one->now, *two->now);
-    // undone and done again
+    // undo and redo
     auto third = bar();
     ASSERT_TRUE(third->cut_plane(point, normals[0]));
     const pliant_body *first = pliant_body_retain(third->now);
@@ -475,7 +479,7 @@ TEST(Cut, WithoutMemoryTheBodyBeforeStays)
     EXPECT_GT(n, 40);
 }
 
-// Points of a body whose halves have been moved apart and into one another.
+// Locate points in a body whose halves are moved apart and into each other.
 TEST(Cut, PointsAreOfTheFragmentThatIsThere)
 {
     auto block = bar();
@@ -484,7 +488,7 @@ TEST(Cut, PointsAreOfTheFragmentThatIsThere)
     const pliant_body &now = *block->now;
     const std::vector<int32_t> pieces = mesh_pieces(now);
     const pliant_voxels &voxels = *now.voxels;
-    std::vector<double> by(static_cast<size_t>(now.fine.num_nodes)); // the piece on the right goes 3 cm
+    std::vector<double> by(static_cast<size_t>(now.fine.num_nodes)); // the right piece moves 3 cm
     for (int32_t t = 0; t < now.fine.num_tets; t++)
         for (int v = 0; v < 4; v++) by[now.fine.tets[4 * t + v]] = pieces[t] == pieces[pliant_voxels_fragment(&voxels, now.cuts, 0)] ? 0 : 0.03;
     for (int32_t n = 0; n < now.fine.num_nodes; n++) block->positions[3 * n] += by[n];
@@ -494,7 +498,8 @@ TEST(Cut, PointsAreOfTheFragmentThatIsThere)
     for (int32_t v = 0; v < size[0] * size[1] * size[2]; v++) {
         const int32_t tet = pliant_voxels_fragment(&voxels, now.cuts, v);
         const bool right = by[now.fine.tets[4 * tet]] > 0;
-        if (now.tet_parent && now.tet_parent[tet] != voxels.owner[v]) continue; // a chip lies outside of who carries it
+        // a chip may lie outside of the tetrahedron that carries it
+        if (now.tet_parent && now.tet_parent[tet] != voxels.owner[v]) continue;
         const double x[3] = {0.005 * (v % 40 + 0.5) + (right ? 0.03 : 0), 0.005 * (v / 40 % 20 + 0.5), 0.005 * (v / 800 + 0.5)};
         points.insert(points.end(), x, x + 3);
         own.push_back(tet);
@@ -508,7 +513,7 @@ TEST(Cut, PointsAreOfTheFragmentThatIsThere)
     for (size_t p = 0; p < own.size(); p++) {
         ASSERT_GE(found[p], 0);
         if (found[p] == own[p]) continue;
-        // on a face: the other one, which moves with it
+        // the point is on a face: the adjacent tetrahedron moves with it
         EXPECT_LT(*std::min_element(weights.begin() + 4 * static_cast<long>(p), weights.begin() + 4 * static_cast<long>(p) + 4), 1e-6);
         EXPECT_EQ(pieces[found[p]], pieces[own[p]]);
         wrong++;
@@ -523,7 +528,7 @@ TEST(Cut, PointsAreOfTheFragmentThatIsThere)
     EXPECT_EQ(tet, found[0]);
 }
 
-// Two blocks on one edge of the lattice hang there by bridges; a blade through the edge parts them.
+// Bridges connect two blocks that share only an edge of the lattice. A blade through the edge separates them.
 TEST(Cut, AHingeIsCut)
 {
     const int many[3] = {20, 20, 10};
@@ -536,7 +541,7 @@ TEST(Cut, AHingeIsCut)
     Cuttable blocks(std::move(two));
     EXPECT_EQ(num_pieces(*blocks.now), 1);
     const double middle[3] = {0.1, 0.1, 0.05}, elsewhere[3] = {0.05, 0.05, 0.077}, across[3] = {1, 1, 0}, flat[3] = {0, 0, 1};
-    ASSERT_TRUE(blocks.cut_plane(elsewhere, flat, 0.03)); // a notch in one of them
+    ASSERT_TRUE(blocks.cut_plane(elsewhere, flat, 0.03)); // a notch in one block
     EXPECT_EQ(num_pieces(*blocks.now), 1);
     EXPECT_EQ(mismatches(*blocks.now), 0);
     ASSERT_TRUE(blocks.cut_plane(middle, across, 0.08));
@@ -545,7 +550,7 @@ TEST(Cut, AHingeIsCut)
     EXPECT_EQ(mismatches(*blocks.now), 0);
 }
 
-// Thick strokes through most of it, until little hangs together: chips of chips, pieces that hang on a node, pieces of pieces.
+// Cut large parts of the bar into small pieces: chips of chips, pieces connected by one node, pieces of pieces.
 std::unique_ptr<Cuttable> shred(unsigned seed, int strokes, const std::function<bool(const Cuttable &)> &goes_on)
 {
     std::mt19937 random(seed);
@@ -573,7 +578,7 @@ TEST(Cut, UntilLittleHangsTogether)
         EXPECT_EQ(block->report.pieces, num_pieces(*block->now));
         EXPECT_GT(block->report.pieces, 5);
         EXPECT_NEAR(total_mass(*block->now), total_mass(block->load()), 1e-12 * total_mass(block->load()));
-        // once more, from what was severed
+        // repeat the cuts from the log of severed links
         const pliant_cuts &cuts = *block->now->cuts;
         const pliant_body *body = pliant_body_retain(&block->load());
         for (int32_t c = 0; c < cuts.num_cuts; c++) {
@@ -590,7 +595,8 @@ TEST(Cut, UntilLittleHangsTogether)
     EXPECT_GT(most_inner, 0);
 }
 
-// A piece that hangs on a node or two: all links between its voxels and others are severed, and the joint is gone.
+// A cut of a piece that one or two nodes connect: all links from its voxels to others are severed, and the joint is
+// gone.
 TEST(Cut, WhatAPieceHangsOnIsCut)
 {
     auto hangs = [](const pliant_body &body) {
@@ -628,8 +634,9 @@ TEST(Cut, WhatAPieceHangsOnIsCut)
     pliant_body_release(next);
 }
 
-// A bar that is shaken at 0.2 m/s, 4 mm a step, while a blade goes through it in 20 steps. What the blade has cut is where its edge was in the
-// tissue, which has moved since: those points are moved along, and a tenth of a voxel back.
+// A bar is shaken by 4 mm per step (0.2 m/s) while a blade cuts it in 20 steps. The previous blade edge moves with the
+// tissue.
+// Its points are moved along with the tissue and a tenth of a voxel back.
 TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
 {
     std::mt19937 random(11);
@@ -639,7 +646,7 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
         auto block = bar();
         double shake[3] = {0, 0, 0}, phase = 3 * unit(random);
         const double normal[3] = {1, 0.3 * unit(random), 0.3 * unit(random)}, at = 0.1 + 0.02 * unit(random);
-        auto move = [&] { // 4 mm somewhere, and it bends
+        auto move = [&] { // 4 mm in a random direction, plus bending
             double way[3], length = 0;
             for (double &w : way) length += (w = unit(random)) * w;
             phase += 0.2;
@@ -649,7 +656,7 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
                 for (int d = 0; d < 3; d++)
                     block->positions[3 * n + d] = mesh.rest[3 * n + d] + shake[d] + 0.01 * std::sin(20 * mesh.rest[3 * n + (d + 1) % 3] + phase + d);
         };
-        // the edge along y, from below the bar to above it, sampled every half voxel
+        // The edge along y, from below the bar to above it, sampled every half voxel.
         const int points = 81, steps = 20;
         std::vector<double> from, to(3 * points), weights(4 * points);
         std::vector<int32_t> tet(points);
@@ -668,7 +675,7 @@ TEST(Cut, ABladeThroughTissueThatMovesLeaksNowhere)
             const std::vector<double> was = block->positions;
             move();
             std::vector<double> by(3 * points);
-            for (int p = 0; p < points; p++) // in air: as the tissue that is nearest
+            for (int p = 0; p < points; p++) // in air, points move with the nearest tissue
                 if (tet[p] < 0) {
                     double least = INFINITY;
                     for (int32_t n = 0; n < block->now->fine.num_nodes; n++) {

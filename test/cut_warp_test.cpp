@@ -1,4 +1,5 @@
-// The deformed volume of a body that is cut: against the scan, against each side interpolated by itself, and from body to body.
+// The deformed volume of a cut body: against the scan, against each side interpolated separately, and from body to
+// body.
 #include "cut_cases.h"
 #include "pliant/memory.h"
 #include "pliant/pick.h"
@@ -14,7 +15,7 @@ using cut_cases::plane;
 
 const vector3 normals[] = {{0.31, 0.83, -0.46}, {1, 0.02, 0.01}, {-0.4, 0.3, 0.87}, {0, 0, 1}, {0.577, 0.577, 0.578}};
 
-// a scan, its mesh and its voxels
+// A scan, its mesh and its voxels.
 struct Scene {
     pliant_geometry geometry;
     volume_ptr scan;
@@ -63,16 +64,16 @@ TEST(cut_warp, at_rest_is_the_scan_bit_for_bit)
                     chips += cut.chips;
                 }
         }
-    EXPECT_GT(fragments, 3000); // the cases are such
+    EXPECT_GT(fragments, 3000); // the cases have many fragments
     EXPECT_GT(guests, 1000);
     EXPECT_GT(chips, 100);
 }
 
-// both sides of a plane each by an affine map of its own
+// The two sides of a plane, each with its own affine map.
 struct Sides {
     vector3 through, normal;
-    double apart, stretch; // along the normal, of index; and of each side
-    // where a place at rest (index) is now
+    double apart, stretch; // gap along the normal [index]; stretch of each side
+    // Map a rest point (index) to its deformed position.
     vector3 forward(const vector3 &rest, bool above) const
     {
         vector3 out;
@@ -93,7 +94,7 @@ struct Sides {
     }
 };
 
-// Positions of nodes: those of a fragment whose voxels are above the plane, and of the others.
+// Return the node positions: one map for fragments above the plane, another for all others.
 positions part_sides(const CutBody &cut, const pliant_geometry &geometry, const Sides &sides)
 {
     const pliant_mesh &mesh = cut.body.fine;
@@ -119,7 +120,7 @@ positions part_sides(const CutBody &cut, const pliant_geometry &geometry, const 
 
 struct Counts { int right = 0, wrong = 0, holes = 0, ghosts = 0, doubtful = 0; };
 
-// Every voxel of the target against the interpolation of the voxels of one side alone.
+// Compare each voxel of the target with the interpolation of one side's voxels.
 Counts compare_sides(const Scene &scene, const pliant_volume &out, const Sides &sides)
 {
     Counts counts;
@@ -179,7 +180,7 @@ TEST(cut_warp, each_side_is_drawn_from_its_own_voxels)
         for (const vector3 &normal : normals)
             for (double apart : {0.0, 0.7, 3.3})
                 for (double stretch : {0.0, 0.05}) {
-                    if (stretch > 0 && apart < 3) continue; // sides that shear would go through each other
+                    if (stretch > 0 && apart < 3) continue; // sheared sides would pass through each other
                     const Sides sides = {scene.middle, normal, apart, stretch};
                     CutBody cut(*scene.mesh, *scene.voxels, {plane(scene.middle, normal)});
                     auto warp = scene.draw(cut, target, part_sides(cut, scene.geometry, sides));
@@ -224,7 +225,7 @@ TEST(cut_warp, saved_while_it_is_open)
     pliant_volume_free(&saved);
 }
 
-// Rays into an open cut: the tissue that they meet is on the side that the fragment is of.
+// Rays into an open cut: the picked rest point is on the same side as the picked fragment.
 TEST(cut_warp, a_ray_finds_the_side_that_is_there)
 {
     Scene scene(PLIANT_UINT8, 1);
@@ -258,7 +259,7 @@ TEST(cut_warp, a_ray_finds_the_side_that_is_there)
     EXPECT_GT(hits[1], 60);
 }
 
-// one intensity on each side of a bent cut: nothing in between is ever drawn, whichever way the pieces are bent and pulled
+// Each side of a bent cut has one intensity. No deformation of the pieces draws an intensity in between.
 TEST(cut_warp, nothing_bleeds_across)
 {
     Scene scene(PLIANT_UINT8, 1);
@@ -274,7 +275,8 @@ TEST(cut_warp, nothing_bleeds_across)
     std::uniform_real_distribution<double> by(-0.004, 0.004);
     for (int round = 0; round < 6; round++) {
         auto x = waves(cut.body.fine, 0.003, round);
-        for (size_t n = size_t(scene.mesh->num_nodes); n < cut.node_parent.size(); n++) // copies, each by itself
+        // each copied node moves by itself
+        for (size_t n = size_t(scene.mesh->num_nodes); n < cut.node_parent.size(); n++)
             for (size_t d = 0; d < 3; d++) x[3 * n + d] += by(random);
         auto warp = scene.draw(cut, grown(scene.geometry, 5), x);
         const auto bytes = bytes_of(*pliant_warp_volume(warp.get()));
@@ -301,7 +303,7 @@ TEST(cut_warp, all_loops_and_threads_give_the_same_bits)
     }
 }
 
-// whether every voxel that differs lies in a brick that is said to have changed; how many bricks are
+// Check that every different voxel lies in a reported brick. Return the number of reported bricks.
 size_t changed_bricks(const pliant_warp *warp, const std::vector<uint8_t> &before, const std::vector<uint8_t> &after)
 {
     int32_t count[3];
@@ -315,7 +317,8 @@ size_t changed_bricks(const pliant_warp *warp, const std::vector<uint8_t> &befor
     return size_t(std::count(changed, changed + count[0] * count[1] * count[2], 1));
 }
 
-// Two sides moved apart and bent: the fit far from the cut, nothing in between, no hole, no voxel of the other side.
+// Two sides moved apart and bent: far from the cut the fit is drawn, and there is no leak, no hole and no voxel of the
+// other side.
 TEST(cut_warp, a_fit_does_not_reach_across)
 {
     Scene scene(PLIANT_UINT8, 0, 12, 10, 8, 96, 80, 64);
@@ -341,7 +344,7 @@ TEST(cut_warp, a_fit_does_not_reach_across)
     size_t mixed = 0, apart = 0, inner = 0;
     for (size_t v = 0; v < other.size(); v++) {
         const vector3 at = {double(v % 108), double(v / 108 % 92), double(v / 108 / 92)};
-        bool inside = true; // the hull of a fit is a voxel further out
+        bool inside = true; // the hull of a fit extends one voxel further
         for (size_t d = 0; d < 3; d++) inside = inside && at[d] > 10 && at[d] < target.size[d] - 11;
         mixed += other[v] != 7 && other[v] != 100 && other[v] != 200;
         if (inside) inner++, apart += one[v] != other[v];
@@ -354,7 +357,7 @@ TEST(cut_warp, a_fit_does_not_reach_across)
     pliant_warp_bricks(fitted.get(), count, &changed);
     EXPECT_EQ(std::count(changed, changed + count[0] * count[1] * count[2], 1), 0) << "nothing moved";
 
-    // bent, the blend from the elements' maps to the fit's has no seam: a smooth scan stays smooth
+    // In a bent body, the blend between the elements' maps and the fit's map has no seam: a smooth scan stays smooth.
     for (size_t v = 0; v < pliant_geometry_voxels(&scene.geometry); v++) static_cast<uint8_t *>(scene.scan->voxels)[v] = uint8_t(20 + 2 * (v % 96));
     positions y = waves(cut.body.fine, 0.0015);
     ASSERT_EQ(pliant_warp_update(fitted.get(), y.data()), PLIANT_OK);
@@ -367,7 +370,7 @@ TEST(cut_warp, a_fit_does_not_reach_across)
         for (size_t d = 0; d < 3; d++) inside = inside && at[d] > 12 && at[d] < target.size[d] - 13;
         if (!inside) continue;
         differ += smooth[v] != flat[v];
-        far += std::abs(int(smooth[v]) - int(flat[v])) > 4; // two voxels
+        far += std::abs(int(smooth[v]) - int(flat[v])) > 4; // more than two voxels
     }
     EXPECT_EQ(far, 0u);
     EXPECT_GT(differ, 1000u) << "far from the cut it is the fit";
@@ -381,7 +384,7 @@ bool same_parts(const pliant_parts &a, const pliant_parts &b)
         if (a.guests[g].host != b.guests[g].host || a.guests[g].carrier != b.guests[g].carrier ||
             !same(a.guests[g].blend, b.guests[g].blend, sizeof a.guests[g].blend) || !same(a.guests[g].rest, b.guests[g].rest, sizeof a.guests[g].rest))
             return false;
-    for (int32_t n = 0; n < a.num_boxes; n++) { // where in the pool a box's labels begin is its own
+    for (int32_t n = 0; n < a.num_boxes; n++) { // the offset of a box's labels in the pool may differ
         const part_box &p = a.view.boxes[n], &q = b.view.boxes[n];
         if (!same(p.low, q.low, sizeof p.low) || !same(p.size, q.size, sizeof p.size) ||
             !same(a.view.labels + p.first, b.view.labels + q.first, size_t(p.size[0]) * size_t(p.size[1]) * size_t(p.size[2]) * sizeof(uint16_t)))
@@ -408,10 +411,11 @@ TEST(cut_warp, from_body_to_body_equals_a_fresh_one)
     int round = 0;
     for (const CutBody *cut : order) {
         const auto before = bytes_of(*pliant_warp_volume(warp.get()));
-        if (round % 4 == 3) { ASSERT_EQ(pliant_warp_set_body(warp.get(), &both.body), PLIANT_OK); } // and at once another
+        // and another body right after it
+        if (round % 4 == 3) { ASSERT_EQ(pliant_warp_set_body(warp.get(), &both.body), PLIANT_OK); }
         ASSERT_EQ(pliant_warp_set_body(warp.get(), &cut->body), PLIANT_OK) << pliant_last_error();
         EXPECT_TRUE(before == bytes_of(*pliant_warp_volume(warp.get()))) << "until the update";
-        positions x = rest_of(cut->body.fine); // copies a little apart, as they would be after a step
+        positions x = rest_of(cut->body.fine); // copied nodes slightly apart, as after a step
         for (size_t n = size_t(scene.mesh->num_nodes); n < cut->node_parent.size(); n++) x[3 * n + 2] += 0.004;
         if (round == 7)
             for (double &v : x) v += 0.0007;
@@ -420,7 +424,8 @@ TEST(cut_warp, from_body_to_body_equals_a_fresh_one)
         auto fresh = scene.draw(*cut, target, x);
         EXPECT_TRUE(after == bytes_of(*pliant_warp_volume(fresh.get()))) << "round " << round;
         ASSERT_EQ(warp->parts == nullptr, fresh->parts == nullptr);
-        if (fresh->parts) { EXPECT_TRUE(same_parts(*warp->parts, *fresh->parts)) << "round " << round; } // what was taken from the body before, too
+        // including the parts that were reused from the previous body
+        if (fresh->parts) { EXPECT_TRUE(same_parts(*warp->parts, *fresh->parts)) << "round " << round; }
         const size_t changed = changed_bricks(warp.get(), before, after);
         int32_t count[3];
         const uint8_t *flags;
@@ -463,7 +468,7 @@ TEST(cut_warp, a_body_that_cannot_be_drawn_changes_nothing)
     EXPECT_EQ(pliant_warp_set_body(warp.get(), &other), PLIANT_ERROR_ARGUMENT);
 }
 
-// A device that draws with a warp of its own, and cannot follow a cut: as a GPU that is lost, or full.
+// A device with its own warp that fails to follow a cut, like a lost or full GPU.
 struct Device {
     pliant_warp *drawn;
     pliant_volume *volume;
@@ -503,7 +508,7 @@ TEST(cut_warp, a_device_that_cannot_follow_a_cut_leaves_the_drawing_to_the_cpu)
             ASSERT_EQ(pliant_warp_set_body(warp.get(), &some.body), PLIANT_OK) << pliant_last_error();
             EXPECT_EQ(pliant_warp_accelerated(warp.get()), nullptr);
             EXPECT_EQ(device.freed, 1);
-            // what was drawn last is seen until the next update, where it could be had
+            // until the next update, the last drawn volume stays visible if it can be fetched
             EXPECT_TRUE(bytes_of(*pliant_warp_volume(warp.get())) == (fetches ? bytes_of(*pliant_warp_volume(inner.get())) : blank));
             const auto apart = waves(some.body.fine, 0.001, 4);
             ASSERT_EQ(pliant_warp_update(warp.get(), apart.data()), PLIANT_OK);

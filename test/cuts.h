@@ -1,4 +1,4 @@
-// Blades for tests, and what they leave, counted by the words of the definitions.
+// Blades for tests, and the resulting pieces, counted directly from the definitions.
 #ifndef PLIANT_TEST_CUTS_H
 #define PLIANT_TEST_CUTS_H
 
@@ -12,7 +12,7 @@
 #include <random>
 #include <set>
 
-// A body at load with its voxels, and what it became
+// A body at load with its voxels, and its current cut body.
 struct Cuttable {
     std::unique_ptr<Body> body;
     const pliant_body *now = nullptr;
@@ -26,7 +26,7 @@ struct Cuttable {
 
     const pliant_body &load() const { return *body->model->body; }
     void rest() { positions.assign(now->fine.rest, now->fine.rest + 3 * now->fine.num_nodes); }
-    // the state of the next body: copies where their sources are
+    // Take the next body. Copied nodes start at the positions of their sources.
     void take(const pliant_body *next)
     {
         for (int32_t n = now->fine.num_nodes; n < next->fine.num_nodes; n++) {
@@ -36,7 +36,7 @@ struct Cuttable {
         pliant_body_release(now);
         now = next;
     }
-    // whether anything was severed
+    // Return whether the sweep severed anything.
     bool cut(const std::vector<double> &from, const std::vector<double> &to)
     {
         pliant_cut_sweep sweep{static_cast<int32_t>(from.size() / 3), from.data(), to.data(), body->model->material_of_voxel};
@@ -45,7 +45,7 @@ struct Cuttable {
         if (next) take(next);
         return next != nullptr;
     }
-    // a square far beyond the body
+    // Cut by a square that is far larger than the body.
     bool cut_plane(const double point[3], const double normal[3], double size = 10)
     {
         std::vector<double> from, to;
@@ -88,7 +88,7 @@ struct Parts {
     void join(int32_t a, int32_t b) { parent[find(a)] = find(b); }
 };
 
-// of the mesh, by nodes, and what a piece hangs on; the piece of every tetrahedron
+// Return the piece of each tetrahedron: connected by shared nodes and by joints.
 inline std::vector<int32_t> mesh_pieces(const pliant_body &body)
 {
     Parts parts(static_cast<size_t>(body.fine.num_nodes));
@@ -100,8 +100,8 @@ inline std::vector<int32_t> mesh_pieces(const pliant_body &body)
     return out;
 }
 
-// of the voxels that are owned, by links and bridges that are not severed; -1: nobody owns it. A diagonal goes over two links through a voxel
-// that is owned, so that it joins only what these do.
+// Return the piece of each voxel with an owner, connected by intact links and bridges; -1: no owner. A diagonal passes
+// two links through a voxel with an owner, so it joins only voxels that these links join.
 inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
 {
     const pliant_voxels &voxels = *body.voxels;
@@ -126,13 +126,13 @@ inline std::vector<int32_t> voxel_pieces(const pliant_body &body)
     return out;
 }
 
-// pieces of the mesh that are more than one of voxels, or the other way around
+// Count mesh pieces with more than one piece of voxels, and pieces of voxels with more than one mesh piece.
 inline int mismatches(const pliant_body &body)
 {
     const std::vector<int32_t> mesh = mesh_pieces(body), voxels = voxel_pieces(body);
     struct Other {
         int32_t first = -1;
-        bool more = false; // than one
+        bool more = false; // more than one piece
         void add(int32_t piece)
         {
             if (first < 0) first = piece;
@@ -152,7 +152,7 @@ inline int mismatches(const pliant_body &body)
     return wrong;
 }
 
-// pieces of the mesh with tissue
+// Return the number of mesh pieces with tissue.
 inline int num_pieces(const pliant_body &body)
 {
     const std::vector<int32_t> mesh = mesh_pieces(body);

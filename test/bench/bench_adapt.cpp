@@ -3,7 +3,9 @@
 //
 // Default: the abdomen of the test data at 256 x 160 x 122, coarse cells 7 x 7 x 7. A tool pulls at the liver while
 // strokes open a slit in it, one per frame. With cut/kind=sever a blade makes the strokes, 30 mm wide and 20 mm deep,
-// at random positions around the grasp. bar=DEPTH: a bar that sags under its weight is cut to this depth in one step.
+// at random positions around the grasp.
+//
+// bar=DEPTH: a bar that sags under its weight is cut to this depth in one step.
 // The benchmark measures how frames with six evaluations converge to the new equilibrium. For tissue that never rests,
 // it measures the cost of the cut, and its first frame relative to the median frame.
 //

@@ -7,10 +7,11 @@
 //
 // length: of a slit [m]
 // steps, undo, reset: number of cuts between two steps, undos, resets (0: never)
-// warp: with the deformed volume stages=1: wall time of each part of a cut, and of the frame after it; no undo, a step
-// after each cut, and `frames` other frames. With frames=0 there is no step. No step waits for the background. rests=1:
-// only the host's work for a GPU, so less of the solver; a first cut is rehearsed busy=1: CPU time of the calling
-// thread, for solver/threads=1 on a busy machine; excludes background work
+// warp: with the deformed volume
+// stages=1: wall time of each part of a cut, and of the frame after it. There is no undo, a step after each cut, and
+//   `frames` other frames; with frames=0 there is no step. No step waits for the background.
+// rests=1: only the host's work for a GPU, so less of the solver; a first cut is rehearsed
+// busy=1: CPU time of the calling thread, for solver/threads=1 on a busy machine; excludes background work
 #include "frames.h"
 #include "fem/quasistatic/solver.h"
 #include "sim/step/cut.h"
