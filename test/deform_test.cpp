@@ -1,4 +1,4 @@
-// The program pliant_deform as a user meets it: exit codes, messages, and what it writes.
+// Tests of the program pliant_deform from a user's view: exit codes, messages and output files.
 #include "program.h"
 #include "pliant/scan.h"
 
@@ -56,7 +56,7 @@ TEST_F(Deform, TellsWrongUsageFromFailure)
     EXPECT_EQ(run("--out /proc/nowhere " + small_), 1);
 }
 
-// y [m] of the first muscle from the front, in the middle of the phantom
+// Return the y coordinate [m] of the front of the muscle, in the middle of the phantom.
 double front_of_the_wall()
 {
     const int32_t size[3] = {48, 40, 40};
@@ -77,7 +77,7 @@ double front_of_the_wall()
 TEST_F(Deform, PullsAndWritesWhatItPromises)
 {
     const double front = front_of_the_wall();
-    // the abdominal wall in front, pulled forward by a centimetre
+    // Pull the front of the abdominal wall forward by 1 cm.
     std::ofstream(in("pull.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front
                                    << ", 0.0]\n    motion: [{time: 0, offset: [0, 0, 0]}, {time: 0.1, offset: [0, -0.01, 0]}]\n";
     ASSERT_EQ(run(small_ + "--tools " + in("pull.yaml") + " --every 2 --pictures --camera 0.1,-0.6,0.2:0,0,0 --radiograph 0,0 --out " + in("a/b")), 0) << err_;
@@ -113,7 +113,7 @@ TEST_F(Deform, PullsAndWritesWhatItPromises)
     EXPECT_NEAR(std::stod(tools.back()[6]), front - 0.01, 1e-3);
 }
 
-// What other programs read of these files: fields_test.py.
+// fields_test.py reads these files with other programs.
 TEST_F(Deform, WritesDisplacementsAndMeshes)
 {
     ASSERT_EQ(run(small_ + "--steps 4 --every 2 --vtk --unit mm --displacement u.nii.gz --tissue-displacement v.nrrd --out " + in("a")), 0) << err_;
@@ -138,7 +138,7 @@ TEST_F(Deform, WritesDisplacementsAndMeshes)
     EXPECT_EQ(run("--unit inch --out " + in("b")), 2);
 }
 
-// Each method has its own field, wherever it lies.
+// Each compared method writes its own displacement field, with a relative path and with an absolute path.
 TEST_F(Deform, ComparedMethodsKeepTheirFields)
 {
     std::ofstream(in("pull.yaml")) << "tools:\n  - {name: g, drive: rigid, grasp: [0, -0.1, 0], motion: [{time: 0.06, offset: [0, -0.01, 0]}]}\n";
@@ -157,7 +157,7 @@ TEST_F(Deform, ComparedMethodsKeepTheirFields)
     for (const char *name : {"u_coarse_mask.nrrd", "u_fine_mask.nrrd"}) EXPECT_EQ(access(in(name).c_str(), R_OK), 0) << name;
 }
 
-// A ball that presses the wall: its force and torque in tools.csv, that on the nodes as a scalar.
+// A ball presses on the wall. tools.csv has its force and torque, and nodes.csv has the force on the nodes.
 TEST_F(Deform, TellsForcesOfContact)
 {
     std::ofstream(in("press.yaml")) << "tools:\n  - name: ball\n    shape: {parts: [{kind: sphere, from: [0, 0, 0], radius: 0.02}]}\n    poses: [{time: 0, position: [0, "
@@ -175,8 +175,8 @@ TEST_F(Deform, TellsForcesOfContact)
     EXPECT_GE(sum, 0.99 * std::stod(tools.back()[9]));
 }
 
-// What a surface file tells: how many parts hang together by its triangles, and the area of the faces that cuts have made, seen along each
-// axis of the tissue at rest, and of all the others.
+// Properties of a surface file, at rest: the number of connected components, the area of cut faces projected along
+// each axis, and the area of other faces.
 struct SurfaceFile {
     size_t parts = 0;
     double cut[3] = {0, 0, 0}, others = 0;
@@ -216,7 +216,8 @@ struct SurfaceFile {
     }
 };
 
-// A line across the whole body, and a blade that goes into its front: cuts.csv tells of both, a blade is felt, and the surface ends there.
+// Cut along a line across the whole body, and with a blade into its front. cuts.csv lists both cuts. tools.csv has the
+// blade's force. The surface file contains the cut faces.
 TEST_F(Deform, CutsAlongALineAndByABlade)
 {
     const std::string line = "cuts: [{time: 0.1, points: [[-0.3, -0.3, 0.02], [0.3, -0.3, 0.02]], depth: [0, 0.6, 0]}]\n";
@@ -267,7 +268,8 @@ TEST_F(Deform, CutsAlongALineAndByABlade)
     EXPECT_LT(both.cut[0] - cut.cut[0], 2 * 1.5 * by_blade);
 }
 
-// The room around the tissue is warp/margin, wherever a tool goes; that is said, and when tissue leaves it.
+// The margin around the tissue is warp/margin, for any tool motion. Warnings report a far tool and tissue outside of
+// the volume.
 TEST_F(Deform, KeepsTheVolumeToItsMargin)
 {
     std::ofstream(in("far.yaml")) << "tools:\n  - name: grasper\n    drive: rigid\n    grasp: [0.0, " << front_of_the_wall() + 0.006
@@ -286,8 +288,7 @@ TEST_F(Deform, KeepsTheVolumeToItsMargin)
     pliant_volume_free(&pulled);
 }
 
-// where no tissue is the volume is the background, unless mesh/keep_air keeps elements there: as README and the option say
-// A micro-CT: a deformed volume of 30 mm around a body of 1 mm would have 8.4e9 voxels.
+// A micro-CT scan. With a margin of 30 mm, the deformed volume of a body of 1 mm would have 8.4e9 voxels.
 TEST_F(Deform, ScalesItsLengthsToASmallBody)
 {
     pliant_geometry geometry{{44, 40, 28}, {0, 0, 0}, {3e-5, 3e-5, 3e-5}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -344,11 +345,11 @@ TEST_F(Deform, StopsOnRequestWithWhatWasDone)
     EXPECT_EQ(access(in("stopped/deformed.nii.gz").c_str(), R_OK), 0);
 }
 
-// what schur does under gravity is said when it is loaded, and what came of it at the end
+// Warn about the schur method under gravity when the model is built, and about its result at the end.
 TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
 {
     const std::string hung = small_ + "--set 'model/gravity=0 9.81 0' --no-volume --out " + in("hung") + " --steps ";
-    /* steps that would leave the body's surroundings are not taken at once */
+    /* the solver limits the motion per step, so elements become inverted after several steps */
     ASSERT_EQ(run(hung + "14 --quiet --set solver/iterations=1 --set model/method=schur"), 0) << err_;
     for (const char *words : {"warning: model/method: schur is far too soft for model/gravity", "10 to 15 times", "of 14 steps did not converge",
                               "elements were turned inside out in", "averaged is not"})
@@ -358,14 +359,14 @@ TEST_F(Deform, WarnsOfSteepLoadsAndOfStepsThatDidNotConverge)
     ASSERT_LT(inverted, steps[0].size());
     EXPECT_TRUE(std::any_of(steps.begin() + 1, steps.end(), [inverted](const std::vector<std::string> &row) { return std::stoi(row[inverted]) > 0; }));
     ASSERT_EQ(run(hung + "3 --quiet --set solver/iterations=100 --set model/method=averaged"), 0) << err_;
-    EXPECT_NE(err_.find("averaged is off by tens of percent"), std::string::npos) << err_; // but converges
+    EXPECT_NE(err_.find("averaged is off by tens of percent"), std::string::npos) << err_; // but it converges
     EXPECT_EQ(err_.find('\n'), err_.size() - 1) << err_;
     ASSERT_EQ(run(hung + "3 --quiet --set solver/iterations=1 --set solver/tolerance=1e-9"), 0) << err_;
     EXPECT_NE(err_.find("3 of 3 steps did not converge, nor did the last one"), std::string::npos) << err_;
     EXPECT_NE(err_.find("solver/iterations"), std::string::npos) << err_;
 }
 
-// gravity that a tool path turns on
+// A tool path applies gravity.
 TEST_F(Deform, WarnsOfSchurWhereThePathHasGravity)
 {
     std::ofstream(in("turn.yaml")) << "gravity: [{time: 0, acceleration: [0, 0, 0]}, {time: 0.02, acceleration: [0, 9.81, 0]}]\n";
@@ -376,7 +377,7 @@ TEST_F(Deform, WarnsOfSchurWhereThePathHasGravity)
     EXPECT_EQ(err_.find("schur"), std::string::npos) << err_;
 }
 
-// a scan that is no CT: the refusal says what to write, and with that it runs and shows something
+// The refusal of a scan that is not a CT contains a material table. With this table the program runs.
 TEST_F(Deform, AsksForATableOfAnMr)
 {
     const int32_t size[3] = {40, 32, 32};
@@ -396,7 +397,7 @@ TEST_F(Deform, AsksForATableOfAnMr)
     EXPECT_EQ(run(in("mr.yaml") + " --quiet --steps 2 --pictures --scan " + in("mr.nii") + " --out " + in("mr")), 0) << err_;
 }
 
-// the warp's two parts; a number for every node and every element
+// The report has the times of the warp's two stages, and scalars for each node and element.
 TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
 {
     ASSERT_EQ(run(small_ + "--set 'model/gravity=0 9.81 0' --steps 3 --every 2 --pictures --scalars von_mises,volume_ratio --out " + in("s")), 0) << err_;
@@ -417,7 +418,7 @@ TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
     EXPECT_EQ(nodes[0].size(), 8u);
     EXPECT_EQ(nodes[0][6] + " " + nodes[0][7], "von_mises_pa volume_ratio");
     EXPECT_EQ(elements[0], (std::vector<std::string>{"node_0", "node_1", "node_2", "node_3", "material", "von_mises_pa", "volume_ratio"}));
-    std::vector<double> low(nodes.size(), INFINITY), high(nodes.size(), -INFINITY); // of the elements around a node
+    std::vector<double> low(nodes.size(), INFINITY), high(nodes.size(), -INFINITY); // range of the adjacent elements
     double highest_stress = 0;
     for (size_t tet = 1; tet < elements.size(); ++tet) {
         ASSERT_EQ(elements[tet].size(), 7u);
@@ -443,7 +444,7 @@ TEST_F(Deform, WritesTimesOfTheWarpAndScalars)
     EXPECT_NE(err_.find("named twice"), std::string::npos) << err_;
 }
 
-// [H] figures 1 and 2: methods beside each other, by one command
+// [H] figures 1 and 2: one command compares the methods.
 TEST_F(Deform, ComparesMethodsSideBySide)
 {
     const double front = front_of_the_wall();
@@ -461,7 +462,8 @@ TEST_F(Deform, ComparesMethodsSideBySide)
     for (const char *name : {"axial.png", "coronal.png", "sagittal.png", "coarse/axial.png", "averaged/nodes.csv", "fine/deformed.nii.gz"})
         EXPECT_EQ(access(in(std::string("c/") + name).c_str(), R_OK), 0) << name;
     const double all = std::stod(rows[1][3]);
-    // what an isosurface shows: of fewer voxels, no error is larger; air that the mesh keeps counts in neither
+    // --seen limits the error to the voxels of an isosurface, so no error grows. Air that the mesh keeps is in neither
+    // error.
     ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --compare coarse,fine --tools " + in("pull.yaml") + " --out " + in("k")), 0) << err_;
     auto kept = table(in("k/compare.csv"));
     ASSERT_EQ(run(small_ + "--quiet --steps 6 --set mesh/keep_air=true --seen 150 --compare coarse,fine --tools " + in("pull.yaml") + " --out " + in("k")), 0) << err_;
@@ -476,7 +478,8 @@ TEST_F(Deform, ComparesMethodsSideBySide)
     EXPECT_NE(err_.find("'fast' is none of fine coarse schur"), std::string::npos) << err_;
 }
 
-// What a run is of is said at its start; probes and connectivity are written; nothing is more than done; --quiet is quiet.
+// The program reports its input at the start, writes probes and connectivity, and never reports more than 100 %.
+// With --quiet it prints nothing.
 TEST_F(Deform, SaysWhatItRunsOnAndFollowsProbes)
 {
     const double front = front_of_the_wall();
@@ -493,7 +496,7 @@ TEST_F(Deform, SaysWhatItRunsOnAndFollowsProbes)
     }
     EXPECT_NE(err_.find("settling"), std::string::npos) << err_;
     auto probes = table(in("p/probes.csv")), steps = table(in("p/steps.csv"));
-    ASSERT_EQ(probes.size(), 1 + 2 * steps.size()); // and time 0
+    ASSERT_EQ(probes.size(), 1 + 2 * steps.size()); // and one row for time 0
     EXPECT_EQ(probes[0][1], "probe");
     EXPECT_EQ(std::stod(probes[1][6]), 0);
     EXPECT_GT(std::stod(probes[probes.size() - 2][6]), 1e-5) << "the wall falls backwards";

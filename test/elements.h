@@ -1,4 +1,4 @@
-// Stiffness matrices of elements at rest, and of what hangs together of them; what a body that is free has to have.
+// Stiffness matrices of elements at rest and of connected groups of elements, and the rigid modes of free bodies.
 #ifndef PLIANT_TEST_ELEMENTS_H
 #define PLIANT_TEST_ELEMENTS_H
 
@@ -7,7 +7,7 @@
 
 #include <Eigen/Eigenvalues>
 
-// of a symmetric matrix, ascending
+// Return the eigenvalues of a symmetric matrix, in ascending order.
 inline std::vector<double> eigenvalues(const std::vector<double> &a)
 {
     const auto n = static_cast<Eigen::Index>(std::lround(std::sqrt(static_cast<double>(a.size()))));
@@ -15,7 +15,7 @@ inline std::vector<double> eigenvalues(const std::vector<double> &a)
     return {solver.eigenvalues().data(), solver.eigenvalues().data() + n};
 }
 
-// of a system, at rest
+// Elements of a system at rest.
 struct Elements {
     const pliant_system &system;
     int32_t count;
@@ -59,7 +59,7 @@ struct Elements {
         }
         return out;
     }
-    // elements that hang together by three nodes
+    // Return the groups of elements that are connected by at least three shared nodes.
     std::vector<std::vector<int32_t>> pieces() const
     {
         Parts parts(static_cast<size_t>(count));
@@ -81,7 +81,8 @@ struct Elements {
     }
 };
 
-// rounding, of the largest eigenvalue: of elements whose roots are single precision six modes have it squared
+// Rounding error relative to the largest eigenvalue. Square roots in single precision enter the six rigid modes
+// squared.
 const double rounding = 1e-12;
 
 inline void expect_rigid_modes(const Elements &elements, const std::vector<int32_t> &nodes, const std::vector<double> &stiffness, size_t rank, const std::string &what)
@@ -112,7 +113,7 @@ inline void expect_rigid_modes(const Elements &elements, const std::vector<int32
         for (size_t i = 0; i < size; i++) {
             double force = 0;
             for (size_t j = 0; j < size; j++) force += stiffness[size * i + j] * moved[j];
-            ASSERT_LT(std::fabs(force), 1e-6 * most) << what << ", mode " << mode; // roots of elements are single precision
+            ASSERT_LT(std::fabs(force), 1e-6 * most) << what << ", mode " << mode; // square roots in single precision
         }
     }
 }

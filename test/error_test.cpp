@@ -1,4 +1,4 @@
-// Error measures against fields made by hand.
+// Error measures against synthetic fields.
 #include "pipeline/body.h"
 
 #include <algorithm>
@@ -7,7 +7,7 @@ namespace {
 
 TEST(Error, MaxRmsAndPercentileOfKnownDistances)
 {
-    // 100 points; point p is p micrometres off, and the reference moved it by 2 p
+    // Point p of 100 has an error of p micrometres. Its reference displacement is 2 p micrometres.
     std::vector<double> rest(300), reference(300), other(300);
     for (int p = 0; p < 100; p++) {
         rest[3 * p] = reference[3 * p] = other[3 * p] = 0.01 * p;
@@ -83,7 +83,7 @@ const std::vector<Material> soft = {{5e3, 0.45, 1000, false}, {10, 0, 1, true}};
 
 TEST(VoxelError, ShiftBetweenTwoSolutionsIsTheErrorOfEveryVoxelOfTissue)
 {
-    // a corner of air: its voxels show no tissue
+    // One corner is air: its voxels show no tissue.
     Body body(size, box, soft, [](int i, int j, int) { return i >= 8 && j >= 8 ? 1 : 0; });
     body.cells(3, 3, 3, 2);
     body.fix_plane(1e-9, 0, 0, 1, 0, 0);
@@ -103,8 +103,9 @@ TEST(VoxelError, ShiftBetweenTwoSolutionsIsTheErrorOfEveryVoxelOfTissue)
 
 TEST(VoxelError, IsTakenAtTheTissueThatAVoxelShows)
 {
-    // shown: moved by two voxels along x. Reference: stretched along y, so the error of a voxel grows with its y alone,
-    // but for the shift
+    // The volume is moved by two voxels along x. The reference is stretched along y. So the error of a voxel grows with
+    // its
+    // y alone, in addition to the constant shift.
     Body body(size, box, soft);
     body.cells(3, 3, 3, 1);
     body.fix_plane(1e-9, 0, 0, 1, 0, 0);
@@ -116,7 +117,7 @@ TEST(VoxelError, IsTakenAtTheTissueThatAVoxelShows)
     auto *voxels = static_cast<float *>(error.voxels);
     for (int j = 0; j < 12; j++) {
         double y = 0.01 * (j + 0.5);
-        EXPECT_EQ(voxels[1 + 12 * j], -1);                                       // left behind
+        EXPECT_EQ(voxels[1 + 12 * j], -1);                                       // no tissue after the shift
         EXPECT_NEAR(voxels[5 + 12 * (j + 12 * 6)], std::hypot(0.02, 0.1 * y), 1e-7);
     }
     pliant_volume_free(&error);
@@ -150,7 +151,7 @@ TEST(Slice, IsTurnedAsItIsLookedAt)
     pliant_free(values);
     ASSERT_EQ(pliant_volume_plane(&volume, 1, world, columns_rows, spacing, &values), PLIANT_OK);
     EXPECT_EQ(columns_rows[1], 4);
-    EXPECT_EQ(values[0], 210); // superior is up: k = 0, for z runs down
+    EXPECT_EQ(values[0], 210); // superior is up: k = 0, because z runs down
     EXPECT_EQ(values[9], 213);
     pliant_free(values);
     const double outside[3] = {0, 0, 1};

@@ -1,4 +1,4 @@
-// The examples: what they say, and that they stay what they are meant to be, short and written against the public headers alone.
+// Tests of the examples: their output, their length, and that they include public headers only.
 #include <gtest/gtest.h>
 
 #include <cstdio>

@@ -1,4 +1,4 @@
-// Direct factors: what their ordering may depend on.
+// Tests of direct factors: the ordering, refused matrices, operation counts and partial solves.
 #include "fem/linear/halves.h"
 #include "fem/system.h"
 #include "pliant/pliant.h"
@@ -49,7 +49,7 @@ double numbers_of(const pliant_pattern &pattern)
     return numbers;
 }
 
-// large enough for nested dissection
+// The grid is large enough for nested dissection.
 TEST(Factor, OrderingIsTheSameWhateverOtherThreadsDo)
 {
     const Grid grid(14);
@@ -69,7 +69,7 @@ TEST(Factor, OrderingIsTheSameWhateverOtherThreadsDo)
     EXPECT_EQ(after.sa_handler, before.sa_handler) << "the process is left with somebody else's handler";
 }
 
-// Small matrices, which CHOLMOD factors without supernodes, as large ones.
+// CHOLMOD factors small matrices without supernodes, and large ones with supernodes. Both refuse these matrices.
 TEST(Factor, IsRefusedWhereAPivotIsNotPositive)
 {
     for (int side : {2, 9}) {
@@ -91,7 +91,7 @@ TEST(Factor, IsRefusedWhereAPivotIsNotPositive)
     }
 }
 
-// What a factor takes is counted as its order is found; those that share the order take as much.
+// The analysis counts the operations of a factor. A clone with the same ordering has the same count.
 TEST(Factor, ACopyTakesAsManyOperations)
 {
     for (int side : {2, 9}) {
@@ -106,7 +106,8 @@ TEST(Factor, ACopyTakesAsManyOperations)
     }
 }
 
-// In two parts, with a right-hand side that changes at some nodes in between, it is the same solve; and columns are those of the inverse.
+// A solve in two parts equals the whole solve, even if the right-hand side changes at some nodes in between.
+// The half solves return columns of the inverse.
 TEST(Factor, SolvesInTwoParts)
 {
     const Grid grid(10);
@@ -134,7 +135,8 @@ TEST(Factor, SolvesInTwoParts)
     ASSERT_EQ(pliant_factor_solve(factor, 1, both.data(), sum.data()), PLIANT_OK);
     pliant_factor_begin(factor, right.data(), part.data());
     std::vector<pliant_half> halves(nodes.size());
-    for (size_t n = 0; n < nodes.size(); n++) ASSERT_EQ(pliant_factor_half(factor, nodes[n], &halves[n]), PLIANT_OK); // do not disturb it
+    // half solves do not change the partial solve
+    for (size_t n = 0; n < nodes.size(); n++) ASSERT_EQ(pliant_factor_half(factor, nodes[n], &halves[n]), PLIANT_OK);
     pliant_factor_end(factor, more.data(), out.data());
     for (int32_t n : nodes)
         for (int d = 0; d < 3; d++) EXPECT_NEAR(part[static_cast<size_t>(3 * n + d)], whole[static_cast<size_t>(3 * n + d)], 1e-13);
@@ -142,7 +144,7 @@ TEST(Factor, SolvesInTwoParts)
     pliant_factor_begin(factor, right.data(), part.data());
     pliant_factor_end(factor, nullptr, out.data());
     for (size_t i = 0; i < size; i++) ASSERT_EQ(out[i], whole[i]) << i;
-    // and by half solves that are kept
+    // the same with stored half solves
     pliant_factor_begin_half(factor, right.data());
     for (size_t n = 0; n < nodes.size(); n++) {
         double moved[3];

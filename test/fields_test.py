@@ -31,7 +31,7 @@ SOURCE = pathlib.Path(__file__).resolve().parent.parent
 NO_TISSUE, TISSUE, CUT = 0, 1, 2
 SIZE = "96x70x72"
 
-# the liver's front is pulled by 2 cm; a blade goes into the belly beside it
+# Pull the front of the liver by 2 cm. A blade cuts the belly near it.
 PULL = """
 tools:
   - {name: grasper, drive: rigid, grasp: [-0.054, -0.063, 0.063], motion: [{time: 0.0, offset: [0, 0, 0]}, {time: 0.3, offset: [0, -0.02, 0]}]}
@@ -147,7 +147,7 @@ class Fields(unittest.TestCase):
         inside = mask == TISSUE
         self.assertGreater(inside.sum(), 0.9 * (mask != NO_TISSUE).sum())
         self.assertGreater((np.linalg.norm(vectors[inside], axis=1) > 5).sum(), 1000, "the pull moves more than a thousand voxels by 5 mm")
-        # a tenth of a voxel, and the rounding to whole Hounsfield units
+        # A tenth of a voxel, and rounding to whole Hounsfield units.
         allowed = 0.1 * change_per_voxel(found) + 1
         worst = np.abs(found - wanted)[inside] / allowed[inside]
         self.assertLessEqual(worst.max(), 1)
@@ -270,7 +270,7 @@ class Fields(unittest.TestCase):
                                    "mesh/keep_air=true", cut="none", more="fixed: {boxes: [{low: [-1, -1, -1], high: [1, 1, -0.14]}]}\n")
                 mesh = meshio.read(made / "mesh.vtu")
                 found = np.loadtxt(made / "elements.csv", delimiter=",", skiprows=1, usecols=4, dtype=str)
-                soft = name.endswith("msh")  # all of it is one region there
+                soft = name.endswith("msh")  # the .msh file has one region only
                 wanted = np.column_stack([centres, np.full(len(tets), numbers["soft_tissue"]) if soft else region])
                 made_centres = mesh.point_data["rest_position"][mesh.cells_dict["tetra"]].mean(axis=1)
                 rows = np.column_stack([made_centres, [numbers[one] for one in found]])
@@ -318,7 +318,7 @@ class Fields(unittest.TestCase):
         self.assertGreater(cut.sum(), 50)
         triangles = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
         np.testing.assert_array_equal(triangles, ply.cells_dict["triangle"])
-        edges = vtk.vtkFeatureEdges()  # closed where it is not of a cut
+        edges = vtk.vtkFeatureEdges()  # the surface has boundary edges at cuts only
         edges.SetInputData(surface)
         edges.FeatureEdgesOff()
         edges.ManifoldEdgesOff()

@@ -1,4 +1,4 @@
-// launch/figures as a user meets it: wrong usage, and the cheapest figures on a small built-in scan.
+// Tests of launch/figures from a user's view: wrong usage, and the cheapest figures on a small built-in scan.
 #include "program.h"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 class Figures : public Program {
 protected:
     Figures() : Program(PLIANT_SOURCE_DIR "/launch/figures") {}
-    // the folder that holds all programs
+    // folder of all programs
     static std::string programs()
     {
         std::string folder;
@@ -40,7 +40,8 @@ TEST_F(Figures, TellsWrongUsage)
     EXPECT_NE(err_.find("pliant_deform is not in " + in("absent")), std::string::npos) << err_;
 }
 
-// [C] figure 3: segmentation and mesh of an organ; the caption has the size of the mesh and the differences from the paper
+// [C] figure 3: segmentation and mesh of an organ. The caption has the size of the mesh and the differences from the
+// paper.
 TEST_F(Figures, OfAProxyOfTheBuiltInLiver)
 {
     ASSERT_EQ(run("c3 --scan phantom:64x40x40 --programs " + programs() + " --out " + in("f")), 0) << err_;
@@ -52,7 +53,7 @@ TEST_F(Figures, OfAProxyOfTheBuiltInLiver)
     const std::string elements = text(in("f/c3/elements.csv"));
     const auto tetrahedra = std::count(elements.begin(), elements.end(), '\n') - 1;
     EXPECT_GT(tetrahedra, 300);
-    int of_liver = 0; // other tetrahedra are at its border: each holds some liver, and more of the rest
+    int of_liver = 0; // other tetrahedra lie at its border: each holds some liver, but more of other tissue
     for (size_t at = elements.find(",liver\n"); at != std::string::npos; at = elements.find(",liver\n", at + 1)) of_liver++;
     EXPECT_GT(of_liver, tetrahedra / 2);
     EXPECT_EQ(elements.find(",bone\n"), std::string::npos) << "the organ alone";
@@ -60,7 +61,7 @@ TEST_F(Figures, OfAProxyOfTheBuiltInLiver)
     EXPECT_NE(caption.find(std::to_string(tetrahedra) + " tetrahedra"), std::string::npos) << caption;
 }
 
-// [H] figure 5 has no built-in scan: the caption says how to get one
+// [H] figure 5 has no built-in scan. The caption says how to get one.
 TEST_F(Figures, OfABreastNeedABreast)
 {
     ASSERT_EQ(run("h5 --scan phantom --programs " + programs() + " --out " + in("f")), 0) << err_;
@@ -74,7 +75,7 @@ protected:
 
 TEST_F(Segment, TellsThePieceAtAPoint)
 {
-    // the corner of the scan is air, a centimetre below the front of the liver is not
+    // The corner of the scan is air. The point 1 cm below the front of the liver is not.
     ASSERT_EQ(run("--scan phantom:48x40x40 --out " + in("s") + " --at=-0.0664,-0.0528,0.0971"), 0) << err_;
     int label = 0, of_air = 0;
     const std::string told = "the piece at the point: label ";

@@ -1,4 +1,5 @@
-// Warp by fitting: polynomials of second order exactly; against rasterization on a smooth map; what is drawn.
+// Tests of the fitted warp: exact for quadratic polynomials, close to rasterization on a smooth map, and complete in
+// drawing.
 #include "pipeline/body.h"
 #include "warp/fit.h"
 #include "warp/fit_point.h"
@@ -38,7 +39,7 @@ TEST(Fit, MeetsPolynomialsOfSecondOrderExactly)
 {
     Fixture body(24, 6);
     std::vector<double> rest = body.rest_index(), positions(rest.size());
-    // nodes lie where they lie, somewhat off the lattice; rest positions are a polynomial of that
+    // Nodes are displaced slightly from the lattice. Their rest positions are a polynomial of the displaced positions.
     auto polynomial = [](const double *x, double *out) {
         double a = x[0] * 1e3, b = x[1] * 1e3, c = x[2] * 1e3;
         out[0] = 1 + 0.9 * a + 0.1 * b - 0.004 * a * a + 0.006 * b * c;
@@ -56,12 +57,13 @@ TEST(Fit, MeetsPolynomialsOfSecondOrderExactly)
         pliant_geometry_to_world(&body.scan.geometry, at, world);
         polynomial(world, expected);
         ASSERT_TRUE(pliant_fit_at(fit, at, found));
-        for (int d = 0; d < 3; d++) ASSERT_NEAR(found[d], expected[d], 2e-5) << v; // the map is kept in single precision
+        // the map is stored in single precision
+        for (int d = 0; d < 3; d++) ASSERT_NEAR(found[d], expected[d], 2e-5) << v;
     }
     pliant_fit_free(fit);
 }
 
-// X = x + d(x): known inverse map; where a node goes is found by iteration
+// X = x + d(x): a known inverse map. Fixed-point iteration gives the deformed position of a node.
 void smooth(const double *x, double *out)
 {
     out[0] = x[0] + 0.003 * std::sin(120 * x[1]);
@@ -153,7 +155,8 @@ TEST(Fit, DrawsTheScanAtRestAndBackgroundBesideIt)
     pliant_warp_free(warp);
 }
 
-// Beyond the tissue polynomials turn back into it: nothing is drawn there, and nothing is missing where tetrahedra draw.
+// Outside of the tissue, polynomials may turn back into it. The fit draws nothing there, and it draws every voxel that
+// rasterization draws.
 TEST(Fit, DrawsNoTissueBesideTheBody)
 {
     Fixture body(32, 8);
@@ -233,7 +236,7 @@ TEST(Fit, NearACutMapsAreBlendedByBarycentricCoordinates)
     }
 }
 
-// The fits are those of the nodes that stayed, at any distance of the one that flew away.
+// One node moves far away. At any distance of this node, the fit is the fit of the other nodes.
 TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
 {
     Fixture body(24, 6);
@@ -252,7 +255,7 @@ TEST(Fit, ANodeThatFlewAwayIsOutOfReach)
             map.insert(map.end(), found, found + 3);
         }
         if (first.empty()) first = map;
-        float apart = 0; // bins lie elsewhere, so sums run in another order
+        float apart = 0; // the bins have another origin, so sums run in another order
         for (size_t i = 0; i < map.size(); i++) apart = std::max(apart, std::fabs(map[i] - first[i]));
         EXPECT_LT(apart, 1e-6F) << away;
         pliant_fit_free(fit);

@@ -1,4 +1,5 @@
-// Folders do not include each other in circles, and neither they nor files call each other in circles: each can be read without what is built on it.
+// No cycles exist among the includes of folders, or among the calls of folders and of files.
+// So each folder can be read without the folders that depend on it.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -11,11 +12,12 @@
 
 namespace {
 
-using Graph = std::map<std::string, std::map<std::string, std::string>>; // folder or file -> another -> an include, or a symbol, that leads there
+// folder or file -> another one -> the include or the symbol that connects them
+using Graph = std::map<std::string, std::map<std::string, std::string>>;
 
 void add_folder(const std::string &root, const std::string &folder, Graph &graph)
 {
-    graph[folder]; // also one that includes no other
+    graph[folder]; // also if it includes no other folder
     for (const char *ending : {"/*.c", "/*.cpp", "/*.h"}) {
         glob_t files{};
         if (glob((root + folder + ending).c_str(), 0, nullptr, &files) == 0)
@@ -33,7 +35,7 @@ void add_folder(const std::string &root, const std::string &folder, Graph &graph
     }
 }
 
-// the includes from one folder to another, or "" where there is no way
+// Return the chain of includes from one folder to another; empty: none.
 std::string way(const Graph &graph, const std::string &from, const std::string &to, std::set<std::string> &seen)
 {
     if (!seen.insert(from).second || !graph.count(from)) return "";
@@ -44,7 +46,7 @@ std::string way(const Graph &graph, const std::string &from, const std::string &
     return "";
 }
 
-// which file of the library uses a symbol that which other one defines; by folders, or by files
+// For each file of the library, find the files that define its undefined symbols; by folders or by files.
 Graph calls(bool by_folders)
 {
     std::map<std::string, std::set<std::string>> uses;
@@ -55,10 +57,12 @@ Graph calls(bool by_folders)
         if (std::sscanf(line, "%2047[^:]: %1023s %c", path, symbol, &kind) != 3) continue;
         const std::string all = path, mark = ".dir/";
         const size_t begin = all.find(mark);
-        if (begin == std::string::npos || all.find("/__/") != std::string::npos) continue; // made by the build, or of cuda/
+        // made by the build, or a file of cuda/
+        if (begin == std::string::npos || all.find("/__/") != std::string::npos) continue;
         const std::string file = all.substr(begin + mark.size()), name = by_folders ? file.substr(0, file.rfind('/')) : file;
         if (kind == 'U') uses[name].insert(symbol);
-        else if (std::string("TDBRi").find(kind) != std::string::npos) definer.emplace(symbol, name); // what is inline is everybody's
+        // weak inline symbols have several definitions
+        else if (std::string("TDBRi").find(kind) != std::string::npos) definer.emplace(symbol, name);
     }
     if (listing) pclose(listing);
     Graph graph;
@@ -103,7 +107,7 @@ TEST(Folders, IncludeEachOtherInNoCircle)
         std::set<std::string> seen;
         EXPECT_EQ(way(graph, folder, folder, seen), "") << folder;
     }
-    // what users build on is enough for what is built on it here
+    // Folders on top of the library include public headers only.
     for (const auto &each : graph) {
         const std::string above = each.first.substr(0, each.first.find('/'));
         if (above != "ros" && above != "rviz" && above != "examples") continue;

@@ -1,4 +1,4 @@
-// The lattice mesh: orientation, volume, nesting, conformity, location, integration, faces, pieces.
+// Tests of the lattice mesh: orientation, volume, nesting, conformity, point location, integration, faces and pieces.
 #include "pliant/memory.h"
 #include "pliant/mesh.h"
 
@@ -76,11 +76,11 @@ TEST_P(Grid, EveryInteriorFaceHasTwoSides)
         EXPECT_LE(face.second, 2);
         outside += face.second == 1;
     }
-    EXPECT_EQ(outside, 4 * (4 * 5 + 5 * 3 + 4 * 3)); // two triangles a square, two sides
+    EXPECT_EQ(outside, 4 * (4 * 5 + 5 * 3 + 4 * 3)); // two triangles per square, two sides
     int32_t *triangles = nullptr, count = 0;
     ASSERT_EQ(pliant_mesh_surface(&mesh, &triangles, &count), PLIANT_OK);
     EXPECT_EQ(count, outside);
-    // outwards: the volume of the surface by the divergence theorem is that of the body
+    // Triangles point outwards: by the divergence theorem, the surface encloses the volume of the body.
     double volume = 0;
     for (int32_t t = 0; t < count; t++) {
         const double *a = mesh.rest + 3 * triangles[3 * t], *b = mesh.rest + 3 * triangles[3 * t + 1], *c = mesh.rest + 3 * triangles[3 * t + 2];
@@ -97,7 +97,7 @@ TEST_P(Grid, NestsAtEveryRatio)
     std::memset(&mesh, 0, sizeof mesh);
     for (int ratio = 2; ratio <= 5; ratio++) {
         make(2 * ratio, 3 * ratio, 2 * ratio);
-        // every corner of a fine tetrahedron lies in the coarse one that holds its centroid
+        // Every corner of a fine tetrahedron lies in the coarse tetrahedron around its centroid.
         for (int32_t t = 0; t < mesh.num_tets; t++) {
             double centre[3] = {0, 0, 0}, w[4];
             for (int v = 0; v < 4; v++)

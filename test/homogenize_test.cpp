@@ -1,4 +1,4 @@
-// Homogenized stiffness of coarse tetrahedra: positive semidefinite, or refused with a message.
+// Tests of the homogenized stiffness of coarse tetrahedra: positive semidefinite, or refused with a message.
 #include "fem/coarse/shaped.h"
 #include "fem/coarse/submesh.h"
 #include "pipeline/body.h"
@@ -38,7 +38,9 @@ TEST(Homogenize, ElementsArePositiveSemidefinite)
     }
 }
 
-// Fine tetrahedra or hexahedra on four or eight nodes: K_cc - K_cf K_ff^-1 K_fc, with what is fixed left out, and the field that has that energy.
+// Condense fine tetrahedra or hexahedra to four or eight nodes. The result is K_cc - K_cf K_ff^-1 K_fc without fixed
+// nodes,
+// and the field has the energy of this matrix.
 TEST(Homogenize, CondensedIsTheSchurComplement)
 {
     Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
@@ -95,7 +97,8 @@ TEST(Homogenize, CondensedIsTheSchurComplement)
     pliant_free(cubes);
 }
 
-// Tissue that gives energy away when it expands: its submeshes are no longer positive semidefinite, and what they are condensed to is not.
+// A material with negative energy for expansion. Its submeshes and their condensed matrices are not positive
+// semidefinite.
 TEST(Homogenize, AnIndefiniteElementIsRefused)
 {
     for (pliant_method method : methods) {
@@ -122,12 +125,13 @@ TEST(Homogenize, AnIndefiniteElementIsRefused)
     }
 }
 
-// [H] 11: the derivative of a fine node's position by a corner's, with the rotation kept, is R N_v R'.
+// [H] 11: the derivative of a fine node's position with respect to a corner, at constant rotation, is R N_v R'.
 TEST(Homogenize, TheWeightOfACornerIsTheDerivativeOfAPosition)
 {
     std::mt19937 random(11);
     std::uniform_real_distribution<double> unit(-1, 1);
-    Eigen::Matrix<double, 3, 12, Eigen::RowMajor> shape; // rigid motions pass through it: blocks of corners add up to one
+    // it keeps rigid motions: the corner blocks sum to the identity
+    Eigen::Matrix<double, 3, 12, Eigen::RowMajor> shape;
     shape.setZero();
     for (int v = 0; v < 4; v++)
         for (int m = 0; m < 9 && v < 3; m++) shape(m / 3, 3 * v + m % 3) = unit(random);
@@ -158,7 +162,8 @@ TEST(Homogenize, TheWeightOfACornerIsTheDerivativeOfAPosition)
     }
 }
 
-// [H] 2.3: a fine node that several elements move has shares in inverse proportion to the distances from their centers.
+// [H] 2.3: the weights of several elements at a fine node are inversely proportional to the distances from their
+// centres.
 TEST(Homogenize, SharesAreInverseDistances)
 {
     Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });
@@ -176,7 +181,7 @@ TEST(Homogenize, SharesAreInverseDistances)
             double center[3] = {0, 0, 0};
             for (int v = 0; v < 12; v++) center[v % 3] += system.mesh->rest[3 * system.mesh->tets[4 * upsample.entry_element[e] + v / 3] + v % 3] / 4;
             const double apart = std::hypot(std::hypot(fine.rest[3 * n] - center[0], fine.rest[3 * n + 1] - center[1]), fine.rest[3 * n + 2] - center[2]);
-            distance.push_back(std::fmax(apart, 1e-3 * fine.cell_size[0])); // a node may be at a center
+            distance.push_back(std::fmax(apart, 1e-3 * fine.cell_size[0])); // a node may be at a centre
             sum += 1 / distance.back();
             whole += upsample.entry_share[e];
         }

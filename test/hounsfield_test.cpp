@@ -1,11 +1,11 @@
-/* Scans whose values are no Hounsfield units are not given the built-in table of Hounsfield units. */
+/* A scan whose values are not Hounsfield units does not get the built-in table of Hounsfield units. */
 #include "scan_files.h"
 
 #include <cmath>
 
 namespace {
 
-/* Air around a ball of tissue: what an MR looks like to a reader of its values. */
+/* Return a ball of tissue in air, with values as in an MR. */
 pliant_volume ball(int16_t air, int16_t tissue, pliant_modality modality)
 {
     pliant_geometry geometry = {{20, 20, 20}, {0, 0, 0}, {0.01, 0.01, 0.01}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -46,7 +46,7 @@ TEST(Hounsfield, WhatTheHeaderSaysDecides)
     EXPECT_EQ(status_of(-1000, 40, PLIANT_MODALITY_CT), PLIANT_OK);
 }
 
-/* A CT whose header has lost its intercept has no voxel below -20. */
+/* A CT without its intercept has no voxel below -20. */
 TEST(Hounsfield, TheValuesOfACtAreLookedAtToo)
 {
     std::string message = refusal(24, 1064, PLIANT_MODALITY_CT);
@@ -54,7 +54,7 @@ TEST(Hounsfield, TheValuesOfACtAreLookedAtToo)
         EXPECT_NE(message.find(word), std::string::npos) << message;
 }
 
-/* Padding that a converter has taken for a value would be bone. */
+/* Padding that a converter stored as a value would become bone. */
 TEST(Hounsfield, PaddingIsNoBone)
 {
     for (pliant_modality modality : {PLIANT_MODALITY_CT, PLIANT_MODALITY_UNKNOWN}) {
@@ -82,7 +82,7 @@ TEST(Hounsfield, WithoutAWordOfTheHeaderTheValuesDecide)
     pliant_volume_free(&volume);
 }
 
-/* The table in the message can be pasted as it stands, and divides air from tissue. */
+/* The table in the message is valid as it is, and it separates air from tissue. */
 TEST(Hounsfield, TheMessageHoldsATableToBeginWith)
 {
     std::string message = refusal(10, 700, PLIANT_MODALITY_MR), first = "materials:\n", last = "or with the labels";
@@ -107,7 +107,7 @@ TEST(Hounsfield, TheMessageHoldsATableToBeginWith)
     pliant_material_table_free(&table);
 }
 
-/* From a file to the inputs of a model: refused without a table, taken with one that is named, the built-in one among them. */
+/* Inputs from a file: refused without a table, accepted with any named table, even the built-in one. */
 TEST(Hounsfield, InputsAskForATable)
 {
     temporary_folder folder;
@@ -140,7 +140,7 @@ TEST(Hounsfield, InputsAskForATable)
 
 TEST(Percentiles, OfSmallAndLargeVolumes)
 {
-    for (int side : {20, 120}) { /* 120^3 voxels are sampled */
+    for (int side : {20, 120}) { /* a scan of 120^3 voxels is sampled */
         pliant_geometry geometry = {{side, side, side}, {0, 0, 0}, {0.01, 0.01, 0.01}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
         pliant_volume volume = {};
         ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_INT16, &volume), PLIANT_OK);

@@ -1,4 +1,4 @@
-/* Label maps that lie on another grid than their scan. */
+/* Label maps on another grid than their scan. */
 #include "scan_files.h"
 
 #include <array>
@@ -14,7 +14,7 @@ struct labels_holder {
     ~labels_holder() { pliant_labels_free(&labels); }
 };
 
-/* Return the voxel of `from` in which the centre of voxel n of `to` lies; -1: none. */
+/* Return the voxel of `from` that holds the centre of voxel n of `to`; -1: none. */
 long nearest(const pliant_geometry &from, const pliant_geometry &to, size_t n)
 {
     const size_t w = size_t(to.size[0]), h = size_t(to.size[1]);
@@ -65,7 +65,8 @@ TEST(LabelsToGrid, FollowTheAxesOfTheScan)
             pliant_geometry_to_world(&grid, corner, turned.origin);
             pliant_labels labels;
             ASSERT_EQ(pliant_labels_create(&turned, &labels), PLIANT_OK);
-            auto place = [&](const pliant_geometry &geometry, size_t n) { /* the voxel's number in the grid of the scan */
+            /* the voxel's index in the grid of the scan */
+            auto place = [&](const pliant_geometry &geometry, size_t n) {
                 size_t w = size_t(geometry.size[0]), h = size_t(geometry.size[1]);
                 const double index[3] = {double(n % w), double(n / w % h), double(n / w / h)};
                 double point[3], at[3];
@@ -81,7 +82,7 @@ TEST(LabelsToGrid, FollowTheAxesOfTheScan)
         }
 }
 
-/* Formats write origins and axes with few digits. Labels that were made from a scan lie on it all the same. */
+/* File formats write origins and axes with few digits. Labels that were made from a scan still match its grid. */
 TEST(LabelsToGrid, AcceptRoundedOriginsAndAxes)
 {
     const struct {
@@ -99,7 +100,7 @@ TEST(LabelsToGrid, AcceptRoundedOriginsAndAxes)
     }
 }
 
-/* Every voxel takes the nearest label, and a warning says how the grids differ. */
+/* Every voxel takes the nearest label, and a warning reports the difference of the grids. */
 TEST(LabelsToGrid, ResampleOtherGridsWithAWarning)
 {
     pliant_geometry coarse = SCAN, shifted = turned(0, 3e-4, 0), fine = SCAN;
@@ -155,7 +156,7 @@ TEST(LabelsToGrid, CroppedMaps)
         pliant_geometry part = grid;
         part.size[0] = 4;
         part.origin[0] = begin * grid.spacing[0];
-        part.origin[1] = 6 * grid.spacing[1]; /* turned around along j, and a third of it */
+        part.origin[1] = 6 * grid.spacing[1]; /* reversed along j, and a third of the size */
         part.direction[4] = -1;
         part.size[2] = 2;
         part.origin[2] = 3 * grid.spacing[2];
@@ -199,7 +200,7 @@ TEST(LabelsToGrid, ErrorsChangeNothing)
 {
     pliant_geometry far = turned(0.5, 0.003, 0);
     labels_holder held(far);
-    held.labels.voxels[0] = 3; /* in the corner that lies outside */
+    held.labels.voxels[0] = 3; /* in the corner outside of the scan */
     held.labels.segments = static_cast<pliant_label_segment *>(pliant_calloc(1, sizeof *held.labels.segments));
     held.labels.num_segments = 1;
     pliant_geometry grid = SCAN;

@@ -1,4 +1,4 @@
-// Segmentations through pliant_deform: a phantom, its segmentation in cropped layers, materials by name.
+// Segmentations in pliant_deform: the phantom with its segmentation in cropped layers, and materials by name.
 #include "program.h"
 #include "scan_files.h"
 
@@ -32,13 +32,13 @@ protected:
         Program::TearDown();
     }
 
-    // Labels of the phantom in a layer of the segmentation.
+    // Return whether a layer of the segmentation contains a label of the phantom.
     static bool is_in(int layer, int label)
     {
         const bool tumour = label == 5, liver = label == 4 || tumour, bone = label >= 11 && label <= 13;
         return layer == 0 ? liver : layer == 1 ? tumour : bone;
     }
-    // Three layers, cropped by a few voxels on all sides, layer fastest.
+    // Write three layers, cropped by a few voxels on all sides, with the layer as the fastest axis.
     std::string segmentation(const std::string &second_name) const
     {
         const pliant_geometry &grid = labels_.geometry;
@@ -72,7 +72,7 @@ protected:
                         voxels += is_in(layer, labels_.voxels[i + grid.size[0] * (j + grid.size[1] * k)]) ? '\1' : '\0';
         return header + "\n" + voxels;
     }
-    // Voxels of a layer that the cropped segmentation holds and that no later layer takes.
+    // Count voxels of a layer in the cropped segmentation that no later layer overwrites.
     size_t voxels_of(int layer) const
     {
         const int32_t *size = labels_.geometry.size;

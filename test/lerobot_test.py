@@ -46,7 +46,7 @@ try:
     beside = None
 except ImportError:
     for name in [name for name in sys.modules if name.split(".")[0] == "pyarrow"]:
-        del sys.modules[name]  # one that has no parquet
+        del sys.modules[name]  # it has no parquet module
     beside = tempfile.TemporaryDirectory()
     with open(os.path.join(beside.name, "pyarrow.py"), "w") as stand_in:
         stand_in.write(STAND_IN)
@@ -66,11 +66,11 @@ class LeRobot(unittest.TestCase):
         self.addCleanup(self.temporary.cleanup)
         self.arrays, random, rows = os.path.join(self.temporary.name, "arrays"), np.random.default_rng(1), sum(LENGTHS)
         os.makedirs(self.arrays)
-        pictures = np.zeros((rows, 7, 9, 3), np.uint8)  # odd: png, whether ffmpeg is installed or not
+        pictures = np.zeros((rows, 7, 9, 3), np.uint8)  # an odd size selects png, with or without ffmpeg
         pictures[...] = 10 * np.arange(rows)[:, None, None, None]
         pictures[:, :4, :, 0] = 200
         self.array = {"episodes": np.repeat([0, 1], LENGTHS), "state": random.normal(size=(rows, 19)), "action": random.normal(size=(rows, 10)),
-                      "image_eye_left": pictures, "index_eye_left": np.arange(rows) // 4}  # each is shown by four rows
+                      "image_eye_left": pictures, "index_eye_left": np.arange(rows) // 4}  # four rows show each picture
         pictures = self.array["image_eye_left"] = pictures[::4].copy()
         for name, each in self.array.items():
             np.save(os.path.join(self.arrays, name + ".npy"), each)
@@ -124,11 +124,13 @@ class LeRobot(unittest.TestCase):
 
     @unittest.skipIf(beside, "pyarrow is missing")
     def test_a_picture_that_many_rows_show_is_stored_once(self):
-        pictures = np.random.default_rng(2).integers(0, 255, (7, 301, 301, 3), np.uint8)  # noise: a png is as large
+        # noise: a png has the size of the array
+        pictures = np.random.default_rng(2).integers(0, 255, (7, 301, 301, 3), np.uint8)
         np.save(os.path.join(self.arrays, "image_eye_left.npy"), pictures)
         folder = self.make("2.1")[0]
         size = sum(os.path.getsize(os.path.join(place, name)) for place, _, names in os.walk(folder) for name in names)
-        self.assertLess(size, 1.3 * pictures.nbytes)  # a row a picture: 3.6; one is in both episodes
+        # one picture per row would give 3.6; both episodes store one common picture
+        self.assertLess(size, 1.3 * pictures.nbytes)
 
     def test_what_is_missing_is_told_before_anything_is_written(self):
         folder = os.path.join(self.temporary.name, "none")

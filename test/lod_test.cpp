@@ -1,4 +1,5 @@
-// Localized orthogonal decomposition: its matrix, how its error falls with the reach of its shape functions, its limits.
+// Tests of localized orthogonal decomposition: its matrix, its error by the reach of the shape functions, and its
+// limits.
 #include "pipeline/body.h"
 
 #include <Eigen/Dense>
@@ -31,7 +32,7 @@ void prepare(Body &body, pliant_method method, int cells, int ratio, int layers)
     body.fix_plane(0, 0, 0, 0, 0, 1);
 }
 
-// a block between the coarse nodes that does not move
+// Fix a block between the coarse nodes.
 void fix_inclusion(Body &body) { body.scene.fixed.boxes[body.scene.fixed.num_boxes++] = {{0.013, 0.033, 0.053}, {0.047, 0.067, 0.087}}; }
 
 std::vector<double> shaken(const pliant_mesh &mesh, double by)
@@ -48,8 +49,8 @@ double apart(const std::vector<double> &a, const std::vector<double> &b)
     return std::sqrt(squares);
 }
 
-// With one fine cube in a coarse one there is nothing to correct: the macro-elements are the cubes, of five tetrahedra or a hexahedron, up to the single
-// precision that they are kept in.
+// At ratio 1, no correction is needed. The macro-elements are the cubes, of five tetrahedra or one hexahedron, up to
+// single precision.
 TEST_P(EveryKind, OfRatioOneIsTheFineMesh)
 {
     Body fine(size, box, three, patches), lod(size, box, three, patches);
@@ -62,7 +63,8 @@ TEST_P(EveryKind, OfRatioOneIsTheFineMesh)
     EXPECT_LT(apart(expected, found), 1e-6 * apart(expected, none));
 }
 
-// The assembled matrix is the derivative of the gathered forces at rest, with something fixed between the coarse nodes too.
+// The assembled matrix is the derivative of the gathered forces at rest, also with a fixed block between the coarse
+// nodes.
 TEST_P(EveryKind, MatrixIsTheDerivativeOfTheForce)
 {
     Body body(size, box, three, patches);
@@ -111,7 +113,7 @@ TEST_P(EveryKind, MatrixIsTheDerivativeOfTheForce)
     EXPECT_NEAR(system->mean_diagonal, sum, 1e-9 * sum);
 }
 
-// Nothing fixed nearby: a body that turns as a whole, however far, feels nothing, and the fine nodes turn with it.
+// Without nearby fixed nodes, a rigid rotation of any angle causes no force, and the fine nodes rotate with the body.
 TEST_P(EveryKind, TurnsFreely)
 {
     Body body(size, box, three, patches);
@@ -137,7 +139,7 @@ std::vector<double> under_gravity(Body &body)
     return {body.data->positions, body.data->positions + 3 * body.model->body->fine.num_nodes};
 }
 
-// rms error against the fine mesh over its rms displacement
+// Return the rms error against the fine mesh, divided by its rms displacement.
 double gravity_error(pliant_method method, int layers, bool inclusion, const std::vector<double> &fine)
 {
     Body body(size, box, three, patches);
@@ -147,12 +149,12 @@ double gravity_error(pliant_method method, int layers, bool inclusion, const std
     return apart(found, fine) / apart(rest, fine);
 }
 
-// The weights of the means are masses, so that gravity does no work on what the shape functions leave out: what remains is that they end
-// after so many cubes, and their tails fall off exponentially.
+// The averages are weighted by mass, so gravity does no work on the part that the shape functions leave out. The only
+// error comes from the limited reach: the tails of the shape functions decay exponentially.
 TEST_P(EveryKind, ErrorFallsWithTheReach)
 {
     for (bool inclusion : {false, true}) {
-        if (GetParam() == PLIANT_HEXAHEDRA && !inclusion) continue; // the harder of the two
+        if (GetParam() == PLIANT_HEXAHEDRA && !inclusion) continue; // the inclusion is the harder case
         Body fine(size, box, three, patches);
         prepare(fine, PLIANT_FINE, 4, 2, 1);
         if (inclusion) fix_inclusion(fine);
@@ -167,8 +169,9 @@ TEST_P(EveryKind, ErrorFallsWithTheReach)
     }
 }
 
-// Homogeneous material under a constant strain needs no corrector: those of the cubes around a node cancel, but for their tails. Seen
-// where no shape function reaches the boundary: at the node in the middle.
+// Homogeneous material under constant strain needs no correction. The corrections of the cubes around a node cancel,
+// except
+// for their tails. The test uses the middle node, because no shape function there reaches the boundary.
 TEST_P(EveryKind, PatchTestHoldsUpToTheTails)
 {
     Body body(size, box, {{5000, 0.4, 1000, false}});
@@ -205,7 +208,7 @@ TEST(Lod, RefusesBeyondItsLimits)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
-// what was named in the refusal fits
+// The ratio that the refusal suggests fits.
 TEST(Lod, WhatItNamesFits)
 {
     Body body(size, box, three, patches);
@@ -237,7 +240,7 @@ TEST(Lod, IsCancelled)
     pliant_model *model = nullptr;
     EXPECT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, {seven_times, &calls}, &model), PLIANT_ERROR_CANCELLED);
     EXPECT_GE(calls, 7);
-    EXPECT_LT(calls, 16); // those at work end what they began
+    EXPECT_LT(calls, 16); // threads finish the work that they have begun
     EXPECT_EQ(model, nullptr);
 }
 

@@ -1,4 +1,4 @@
-// Blocks of the library's own, and large ones that are kept for who asks next.
+// Tests of the library's memory blocks, and of large blocks that are kept for reuse.
 #include "base/room.h"
 #include "pliant/memory.h"
 
@@ -52,7 +52,7 @@ TEST(Memory, WhatWasFreedIsGivenAgainCleared)
     pliant_free(room);
 }
 
-// A device that locks the pages of a block must not find others on them.
+// A device locks whole pages of a block, so no other block may lie on these pages.
 TEST(Memory, ABlockOfPagesIsAlone)
 {
 #ifdef PLIANT_SANITIZED
@@ -76,7 +76,7 @@ TEST(Memory, ABlockOfPagesIsAlone)
     for (int b = 0; b < 200; b++) blocks.push_back(pliant_calloc(200 + 61 * size_t(b), 1));
     for (void *block : blocks) {
         if (pliant_has_pages(block)) continue;
-        const uintptr_t of = (uintptr_t(block) - 64) / page; // with what stands in front of it
+        const uintptr_t of = (uintptr_t(block) - 64) / page; // with the header in front of the block
         for (const auto &pages : alone) EXPECT_FALSE(of >= pages.first && of < pages.first + pages.second);
     }
     for (void *block : blocks) pliant_free(block);
@@ -95,7 +95,7 @@ TEST(Memory, NoMoreIsKeptThanWasSaid)
         for (void *block : blocks) pliant_free(block);
         EXPECT_LE(pliant_memory_kept(), 4 * LARGE);
         EXPECT_GE(pliant_memory_kept(), 3 * LARGE);
-        pliant_free(pliant_calloc(3 * LARGE, 1)); // more than half of it
+        pliant_free(pliant_calloc(3 * LARGE, 1)); // more than half of the limit
         EXPECT_GE(pliant_memory_kept(), 3 * LARGE) << "one that is too large takes no other's place";
     }
     EXPECT_EQ(pliant_memory_kept(), 0u);
@@ -123,7 +123,8 @@ TEST(Memory, WhatIsLongerKeepsItsBeginningAndIsClearBehindIt)
     pliant_free(block);
 }
 
-// Arrays that follow one another, as those of bodies do: whichever of them is freed, and whatever was written, what is made next of one is that one.
+// Arrays are derived from one another, as successive bodies do. A new array equals its source, although other arrays
+// have been freed or written.
 TEST(Memory, WhatFollowsAnArrayIsThatArray)
 {
     Keeping keeping(64 * int64_t(LARGE));
@@ -146,7 +147,7 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
             for (size_t n = place; n < place + run; n++) next.block[n] = next.wanted[n] = int(random());
             pliant_writes(next.block, place, run, sizeof(int));
         }
-        if (round % 5 == 0) { /* what is added may be written to without saying so, and what is taken away is gone */
+        if (round % 5 == 0) { /* new entries may be written without a report, and removed entries are gone */
             const size_t was = next.wanted.size(), is = round % 10 ? was + random() % 1500 : was - random() % 1500;
             next.block = static_cast<int *>(pliant_resize(next.block, is, sizeof(int)));
             ASSERT_NE(next.block, nullptr);
@@ -173,7 +174,8 @@ TEST(Memory, WhatFollowsAnArrayIsThatArray)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
-// What is written without saying so is not looked for: an array that followed none is compared piece by piece all the same, once it is followed itself.
+// Unreported writes are not detected. An array without a source is still compared piece by piece, once another one is
+// derived from it.
 TEST(Memory, WhatIsFollowedIsNotReadAgain)
 {
     Keeping keeping(64 * int64_t(LARGE));
@@ -190,7 +192,8 @@ TEST(Memory, WhatIsFollowedIsNotReadAgain)
     EXPECT_LT(to, LARGE / 2);
     next[LARGE - 1] = 1;
     pliant_free(next);
-    next = static_cast<char *>(pliant_next_of(at_load, LARGE, LARGE, 1)); /* where it lay: what was told of is as at load again */
+    /* it reuses the memory: reported writes are reset to the source */
+    next = static_cast<char *>(pliant_next_of(at_load, LARGE, LARGE, 1));
     ASSERT_NE(next, nullptr);
     EXPECT_EQ(next[100], 0);
     EXPECT_EQ(next[LARGE - 1], 1);

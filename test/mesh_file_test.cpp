@@ -1,4 +1,4 @@
-// Meshes of other programs as the fine mesh: .vtu and .msh, their regions, and refused files.
+// Tests of meshes from other programs as the fine mesh: .vtu and .msh files, their regions, and refused files.
 #include "pipeline/body.h"
 #include "scan_files.h"
 
@@ -15,7 +15,7 @@
 
 namespace {
 
-// A block of soft material (label 0) with a layer of stiff ones (label 1) at x = 0, 8 x 4 x 4 cubes of a centimetre.
+// A block of soft material (label 0) with a layer of stiff material (label 1) at x = 0. It has 8 x 4 x 4 cubes of 1 cm.
 struct Block : Body {
     Block() : Body(size_, box_, {{5000, 0.4, 1000, false}, {20000, 0.3, 1000, false}}, [](int i, int, int) { return i < 4; })
     {
@@ -61,7 +61,8 @@ void put_real(std::string *out, bool binary, double value)
     else *out += text;
 }
 
-// Gmsh 4.1 in millimetres: two volumes, whose physical groups have these names; node tags have gaps, and a triangle comes along.
+// Return a Gmsh 4.1 file in millimetres. It has two volumes with these physical groups, gaps in the node tags, and one
+// triangle.
 std::string msh_of(const Tets &of, bool binary, const std::array<std::string, 2> &names)
 {
     std::string out = "$MeshFormat\n4.1 " + std::to_string(binary) + " 8\n";
@@ -109,7 +110,8 @@ std::string msh_of(const Tets &of, bool binary, const std::array<std::string, 2>
         for (int64_t t = 0; t < tets; t++) {
             if (of.region[static_cast<size_t>(t)] != region) continue;
             put_size(&out, binary, tag++);
-            for (int v : {0, 2, 1, 3}) put_size(&out, binary, 10 + 3 * (nodes - of.tets[static_cast<size_t>(4 * t + v)])); // turned inside out
+            // inverted orientation
+            for (int v : {0, 2, 1, 3}) put_size(&out, binary, 10 + 3 * (nodes - of.tets[static_cast<size_t>(4 * t + v)]));
         }
     }
     return out + "\n$EndElements\n";
@@ -127,7 +129,7 @@ std::string base64(const std::string &in)
     return out;
 }
 
-// An array as meshio writes it: base64 of zlib's blocks, the header apart.
+// An array as meshio writes it: base64 of zlib blocks, with a separate header.
 template <class Number> std::string packed(const std::vector<Number> &numbers)
 {
     const std::string plain(reinterpret_cast<const char *>(numbers.data()), numbers.size() * sizeof(Number));
@@ -172,7 +174,7 @@ std::string written(const temporary_folder &folder, const char *name, const std:
     return path;
 }
 
-// positions by rest positions, after the block has settled
+// Return the positions by rest position, in static equilibrium.
 std::map<std::tuple<int, int, int>, std::vector<double>> settled(Body &body)
 {
     std::map<std::tuple<int, int, int>, std::vector<double>> out;
@@ -370,7 +372,7 @@ TEST(MeshFile, SaysWhatIsWrongAndWhatToDo)
     expect_refused(good, 1e-3, PLIANT_ERROR_SCENE, {"mesh/file", "element/kind"}, [](Block &block) { block.scene.element.kind = PLIANT_HEXAHEDRA; });
 }
 
-// Bytes are changed, cut out and repeated: every mutant is read or refused, and nothing is left behind.
+// Change, cut out and repeat bytes: every mutant is read or refused, and no memory leaks.
 TEST(MeshFile, RefusesGarbage)
 {
     Block lattice;
@@ -390,7 +392,8 @@ TEST(MeshFile, RefusesGarbage)
         const auto below = [&](size_t limit) { return static_cast<size_t>(random() % limit); };
         for (int mutant = 0; mutant < 300; mutant++) {
             std::string content = file.content;
-            const size_t head = below(2) ? content.size() : std::min<size_t>(content.size(), 2500); // heads matter most
+            // damage the header more often
+            const size_t head = below(2) ? content.size() : std::min<size_t>(content.size(), 2500);
             for (size_t change = 0; change <= below(4); change++) {
                 const size_t at = below(std::min(head, content.size()));
                 switch (below(4)) {

@@ -1,4 +1,4 @@
-// Voxels that tissue shares with air are shown as the tissue; lung, thin organs and labels stay what they are.
+// Voxels that contain tissue and air are displayed as tissue. Lung, thin organs and labels stay unchanged.
 #include "material/mixed.h"
 #include "pipeline/body.h"
 
@@ -26,7 +26,7 @@ struct Table {
         table.materials = materials.data();
         table.num_materials = 4;
     }
-    // a row of voxels along an axis, the same in all rows
+    // Return the displayed materials of a row of voxels along an axis. All rows are equal.
     std::vector<int> shown(const std::vector<int> &row, int axis = 0) const
     {
         int32_t size[3] = {9, 9, 9}, at[3] = {4, 4, 4};
@@ -76,7 +76,7 @@ TEST(Mixed, ACornerIsShownAsItsTissue)
             EXPECT_EQ(pliant_material_shown(&of.table, size, voxels.data(), at.data()), MUSCLE) << at[0] << at[1] << at[2];
 }
 
-// A model's pictures and its points agree; stiffness and mass are of the voxels as they are.
+// Pictures and point queries of a model agree. Stiffness and mass use the voxels' own materials.
 TEST(Mixed, PicturesAndPointsOfAModelAgree)
 {
     const int size[3] = {20, 20, 20};
@@ -109,7 +109,9 @@ TEST(Mixed, PicturesAndPointsOfAModelAgree)
     pliant_view_free(view);
 }
 
-// The skin of an abdominal CT by the built-in table, from the front and from its sides; behind it lie a mattress and a table, which are as light as lung.
+// The skin of an abdominal CT with the built-in table, from the front and the sides. The mattress and table behind the
+// body
+// are as light as lung.
 TEST(Mixed, TheSkinOfACtIsNoLung)
 {
     pliant_volume scan{};

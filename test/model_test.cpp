@@ -1,4 +1,4 @@
-// What building a model says about what was asked for.
+// Tests of building a model: the statistics, warnings and refusals.
 #include "pipeline/body.h"
 
 #include <string>
@@ -58,7 +58,7 @@ TEST(Model, OnlyASceneThatMayCutKeepsVoxels)
 
 TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
 {
-    // one half is empty, and within elements that hold tissue
+    // One half of the body is empty, but inside elements with tissue.
     Body body(size, box, {{10, 0, 1, true}, {5e3, 0.45, 1000, false}}, [](int i, int, int k) { return i > 2 && k < 6; });
     body.cells(2, 2, 2, 1);
     body.fix_plane(0.001, 0, 0, 1, 0, 0);
@@ -72,7 +72,7 @@ TEST(Model, EmptyMaterialsAreHiddenWhereAsked)
         ASSERT_EQ(pliant_data_set_warp(body.model, body.data, &target), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_step(body.model, body.data), PLIANT_OK) << pliant_last_error();
         const pliant_volume *drawn = pliant_warp_volume(pliant_data_get_warp(body.data));
-        int beside = 0; // of those that elements with tissue hold
+        int beside = 0; // empty voxels that elements with tissue draw
         for (size_t v = 0; v < 8 * 8 * 8; v++) {
             const uint8_t seen = static_cast<uint8_t *>(drawn->voxels)[v], own = static_cast<uint8_t *>(body.scan.voxels)[v];
             if (own) ASSERT_EQ(seen, own) << v;
@@ -93,7 +93,7 @@ TEST(Model, WhatInterpolatesWithinWholeCubesIsNotCut)
     EXPECT_NE(std::string(pliant_last_error()).find("cut/kind: lod"), std::string::npos) << pliant_last_error();
 }
 
-// A plane between layers of nodes holds those behind it: how far off that is, and which planes would be exact, is said.
+// A plane between two layers of nodes fixes the layer behind it. A warning reports the distance and the exact planes.
 TEST(Model, APlaneBetweenNodesIsTold)
 {
     const int voxels[3] = {8, 8, 8};
@@ -137,7 +137,7 @@ TEST(Model, ProgressNeverGoesBack)
                                       }, &told};
     ASSERT_EQ(pliant_model_build(&body.scene, &body.scan, nullptr, &body.table, progress, &model), PLIANT_OK) << pliant_last_error();
     pliant_model_free(model);
-    EXPECT_GT(told.size(), PLIANT_NUM_BUILD_STAGES + 1u); // parts of the longest stage, too
+    EXPECT_GT(told.size(), PLIANT_NUM_BUILD_STAGES + 1u); // and reports within the longest stage
     for (size_t n = 1; n < told.size(); n++) EXPECT_GE(told[n], told[n - 1]);
     EXPECT_EQ(told.back(), 1);
 }
@@ -164,7 +164,7 @@ TEST(Model, OptionsThatTheSolverHasNoUseForAreTold)
         EXPECT_EQ(said.find("ground/friction: beside solver/kind: corotational only pieces that a cut has taken off feel the ground") != std::string::npos, kind == PLIANT_COROTATIONAL) << said;
         said.clear();
         body.scene.tled.damping = damping;
-        body.scene.cut.kind = PLIANT_CUT_SEVER; // something may come off
+        body.scene.cut.kind = PLIANT_CUT_SEVER; // detached pieces need the ground
         EXPECT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(said.find("ground"), std::string::npos) << said;
     }

@@ -1,4 +1,4 @@
-// Moduli from measured displacements: what they were is found again, within the confidence that is told.
+// Identification of moduli from measured displacements: the true moduli lie within the reported confidence interval.
 #include "pipeline/body.h"
 #include "program.h"
 
@@ -18,7 +18,7 @@
 
 namespace {
 
-// Two materials side by side along a clamped bar, markers on it, under two loads: along and across.
+// A clamped bar of two materials in series, with markers, under two loads: across and along.
 struct Bar : Body {
     pliant_report_input input;
     pliant_path_key across[1] = {{0, {0, -3, 0}}}, along[1] = {{0, {0, 0, -9}}};
@@ -49,7 +49,7 @@ struct Bar : Body {
     pliant_moduli_data measured() const { return {2, loads, static_cast<int32_t>(markers.size()), markers.data()}; }
 };
 
-// where the markers of a bar of these moduli go
+// Simulate the marker displacements of a bar with these moduli.
 void measure(Bar *bar, unsigned seed)
 {
     std::mt19937 random(seed);
@@ -94,7 +94,7 @@ TEST(Moduli, TwoAreFoundAgainFromNoisyMarkersWithinTheirConfidence)
         inside += found.low[1] < 7e3 && found.high[1] > 7e3;
         EXPECT_EQ(bar.table.materials[0].young_modulus, 8e3) << "the caller's table stays";
     }
-    EXPECT_GE(inside, 7); // of 8, at 95 %
+    EXPECT_GE(inside, 7); // of 8 intervals, at 95 % confidence
 }
 
 TEST(Moduli, SaysWhatCannotBeFitted)
@@ -199,14 +199,16 @@ TEST(Moduli, MarkersAreRead)
     EXPECT_EQ(pliant_markers_read("/nonexistent.csv", 3e-4, &count, &markers), PLIANT_ERROR_FILE);
 }
 
-// The measured beam: three markers at the tip of a clamped silicone beam that is released under its own weight; 264 kPa was found elsewhere.
+// The measured beam: three markers at the tip of a clamped silicone beam under its own weight. The literature value is
+// 264 kPa.
 TEST(Moduli, OfTheMeasuredBeam)
 {
     std::ifstream file(PLIANT_TEST_DATA "/beam/gravity_markers.csv");
     if (!file) GTEST_SKIP() << "no measured beam in " PLIANT_TEST_DATA;
     std::vector<pliant_marker> markers;
     std::vector<std::array<double, 3>> rest;
-    const double surface[3][3] = {{0.1, 0.015, 0.03}, {0.1, 0, 0.024}, {0.1, 0.03, 0.0065}}; // below the markers' balls
+    // points of the surface below the markers' balls
+    const double surface[3][3] = {{0.1, 0.015, 0.03}, {0.1, 0, 0.024}, {0.1, 0.03, 0.0065}};
     for (std::string line; std::getline(file, line);) {
         if (line.find(",Tip-") == std::string::npos) continue;
         std::stringstream cells(line);
@@ -224,7 +226,7 @@ TEST(Moduli, OfTheMeasuredBeam)
             one.rest[d] = surface[number][d];
             one.moved[d] = at[static_cast<size_t>(d)] - rest[static_cast<size_t>(number)][static_cast<size_t>(d)];
         }
-        one.deviation = 1e-3; // what the state at rest is good for
+        one.deviation = 1e-3; // accuracy of the measured rest state
         markers.push_back(one);
     }
     ASSERT_EQ(markers.size(), 6u);
@@ -248,7 +250,7 @@ TEST(Moduli, OfTheMeasuredBeam)
     EXPECT_NEAR(young[1], 263.8e3, 0.1 * 263.8e3);
 }
 
-// the first body of a folder
+// Read the first body of a folder.
 pliant_status read_first(const std::string &folder, measured_body *out)
 {
     measured_source *sources = nullptr;
@@ -259,7 +261,8 @@ pliant_status read_first(const std::string &folder, measured_body *out)
     return status;
 }
 
-// A ball on a stem of 6 mm at the tip of a beam that bends: its centre goes where the stem turns it, as two points across the tip tell.
+// A ball on a stem of 6 mm at the tip of a bending beam. The stem rotates with the tip, as two points across the tip
+// show.
 TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
 {
     Body beam(std::array<int, 3>{20, 6, 6}.data(), std::array<double, 3>{0.1, 0.03, 0.03}.data(), {{150e3, 0.45, 1070, false}});
@@ -272,7 +275,7 @@ TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
     const double at[4][3] = {{0.1, 0.015, 0.03}, {0.1, 0.015, 0.03}, {0.1, 0.015, 0}, {0.1, 0, 0.015}};
     for (int m = 0; m < 4; m++) std::memcpy(markers[m].rest, at[m], sizeof at[m]);
     markers[0].offset[2] = 0.006;
-    markers[3].offset[1] = -0.006; // to the side: about the axis of bending nothing turns it
+    markers[3].offset[1] = -0.006; // at the side, parallel to the bending axis: the rotation does not move it
     double moved[12];
     ASSERT_EQ(report_markers_move(beam.model, nullptr, 0, 4, markers, moved), PLIANT_OK) << pliant_last_error();
     const double *top = moved + 3, *bottom = moved + 6;
@@ -284,7 +287,7 @@ TEST(Validation, AMarkerThatStandsOffTurnsWithTheTissue)
     EXPECT_NEAR(moved[10], 0, 2e-5);
 }
 
-// A folder of one's own: two loads, the first is fitted on; what the same scene has made is predicted to the noise.
+// A user's folder with two loads. The fit uses the first one, and predicts the second one within the noise.
 TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
 {
     Bar bar(20e3, 7e3);
@@ -316,7 +319,7 @@ TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
     EXPECT_GT(std::stod(cell(1, "moved_rms_mm")), 0.3);
     EXPECT_EQ(cell(1, "fitted").find("E of m0 "), 0u) << cell(1, "fitted");
     EXPECT_NEAR(std::stod(cell(1, "fitted").substr(8)), 20, 0.2);
-    for (size_t rows : {2u, 3u}) { // the same again is known; another measurement of the same body is not
+    for (size_t rows : {2u, 3u}) { // a second run finds the result of the same data; new measurements add a row
         ASSERT_EQ(pliant_validation_run(folder, 0, nullptr, &tables, {nullptr, nullptr}), PLIANT_OK) << pliant_last_error();
         EXPECT_EQ(pliant_results_rows(tables.validation), rows);
         std::ofstream again(in + "markers.csv");
@@ -340,7 +343,7 @@ TEST(Validation, PredictsTheLoadThatWasNotFittedOn)
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
-// Other compressions than those that were handed over, in another order, beads that were lost, another name: by what the table says
+// A cube with other compressions, another order, lost beads and another name: the table's header decides.
 TEST(Validation, ACubeHasTheStatesThatItsTableNames)
 {
     char folder[] = "/tmp/pliant-cube-XXXXXX";
@@ -372,7 +375,7 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
     write("place,,,no strain,,,30% strain,,,2.5% strain,,", 120);
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("up to 119 mm apart"), std::string::npos) << pliant_last_error();
-    file = std::string(folder) + "/truthcube.csv"; // a cube by its name, which says no more
+    file = std::string(folder) + "/truthcube.csv"; // a cube by its file name; the table has no strain
     write("place,,,no strain,,,pressed,,,pressed more,,", 12);
     std::remove((std::string(folder) + "/beads.csv").c_str());
     EXPECT_EQ(read_first(folder, &body), PLIANT_ERROR_FORMAT);
@@ -380,7 +383,7 @@ TEST(Validation, ACubeHasTheStatesThatItsTableNames)
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
-// Tables of other names, several in a folder or in folders in it, as spreadsheets write them, with fewer columns and other markers
+// Tables with any names, in the folder or a subfolder, in spreadsheet formats, with fewer columns and other markers.
 TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
 {
     char folder[] = "/tmp/pliant-beams-XXXXXX";
@@ -411,7 +414,8 @@ TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
     measured_body_free(&a);
     measured_body_free(&b);
     pliant_free(sources);
-    std::ofstream(in + "c.csv") << "marker,state,beam_x,beam_y,beam_z\nm,rest,-20,10,36\nm,end,-20,10,30\n"; // what the folder itself holds counts
+    // a table in the folder itself comes first
+    std::ofstream(in + "c.csv") << "marker,state,beam_x,beam_y,beam_z\nm,rest,-20,10,36\nm,end,-20,10,30\n";
     EXPECT_EQ(read_first(folder, &a), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("c.csv: line 2: marker m"), std::string::npos) << pliant_last_error();
     std::ofstream(in + "c.csv") << "marker,beam_x,beam_y,beam_z\nm,-0.02,0.01,0.036\n";
@@ -420,7 +424,8 @@ TEST(Validation, BeamsAreFoundUnderAnyNameAndTableByTable)
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
-// One separator a file; beside a semicolon or in quotes a comma is a decimal one, and a cell with two of them no number
+// A file has one separator. Next to semicolons or in quotes, a comma is a decimal comma. A cell with two commas is not
+// a number.
 TEST(Validation, DecimalCommasAndQuotedCellsAreReadAsTheyAreMeant)
 {
     char folder[] = "/tmp/pliant-commas-XXXXXX";
@@ -457,7 +462,7 @@ TEST(Validation, DecimalCommasAndQuotedCellsAreReadAsTheyAreMeant)
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
-// Notes that speak of strain are no cube, and a folder that cannot be opened ends nothing
+// Notes that mention strain are not a cube. A folder that cannot be opened does not stop the search.
 TEST(Validation, WhatIsNoMeasurementIsPassedOver)
 {
     char folder[] = "/tmp/pliant-notes-XXXXXX";
@@ -473,7 +478,7 @@ TEST(Validation, WhatIsNoMeasurementIsPassedOver)
     pliant_free(sources);
     std::remove((in + "z.csv").c_str());
     ASSERT_EQ(mkdir((in + "closed").c_str(), 0700), 0);
-    const int next = open("/dev/null", O_RDONLY); // one more file may be open: the folder itself
+    const int next = open("/dev/null", O_RDONLY); // allow one more open file: the folder itself
     ASSERT_GE(next, 0);
     close(next);
     rlimit before{};
@@ -491,7 +496,7 @@ TEST(Validation, WhatIsNoMeasurementIsPassedOver)
     EXPECT_EQ(std::system(("rm -r " + std::string(folder)).c_str()), 0);
 }
 
-// What the handed-over measurements are read as; pliant_report --validate simulates them.
+// Read the measurements in the test data. pliant_report --validate simulates them.
 TEST(Validation, MeasuredBodiesAreRead)
 {
     measured_body body;
@@ -503,7 +508,7 @@ TEST(Validation, MeasuredBodiesAreRead)
         lowest = std::fmin(lowest, body.markers[m].rest[2]);
         highest = std::fmax(highest, body.markers[m].rest[2]);
     }
-    EXPECT_NEAR(lowest, 0.08 - highest, 0.002); // in the middle of the cube
+    EXPECT_NEAR(lowest, 0.08 - highest, 0.002); // the beads are in the middle of the cube
     measured_body_free(&body);
     ASSERT_EQ(read_first(PLIANT_TEST_DATA "/beam", &body), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(body.num_states, 2);
@@ -519,7 +524,7 @@ protected:
     Fit() : Program(PLIANT_FIT_PROGRAM) {}
 };
 
-// pliant_deform's nodes are the measurement; the search begins at another modulus.
+// The nodes of pliant_deform serve as the measurement. The search starts at another modulus.
 TEST_F(Fit, FindsWhatAnotherProgramHasDeformedWith)
 {
     const std::string scene = " --scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set mesh/ratio=1 --set 'model/gravity=0 9.81 0' --set solver/threads=1";

@@ -1,4 +1,4 @@
-// The V-cycle as a preconditioner: symmetric, positive definite, quick, and it changes no answer.
+// Tests of the V-cycle as a preconditioner: symmetric, positive definite, fast, and without effect on the solution.
 #include "pipeline/body.h"
 
 #include <random>
@@ -48,11 +48,11 @@ TEST_P(Multigrid, IsSymmetricAndPositive)
             ymy += y[i] * my[i];
         }
         EXPECT_GT(xmx, 0);
-        EXPECT_NEAR(xmy, ymx, 1e-5 * std::sqrt(xmx * ymy)); // blocks are kept in float
+        EXPECT_NEAR(xmy, ymx, 1e-5 * std::sqrt(xmx * ymy)); // blocks are stored as float
     }
 }
 
-// Conjugate gradients on the true matrix: a hundredth of the energy error within a few cycles, at a contrast of 250.
+// Conjugate gradients on the true matrix reduce the energy error to a hundredth in a few cycles, at a contrast of 250.
 TEST_P(Multigrid, ConjugateGradientsConvergeInFewCycles)
 {
     Body body(size, box, three, blobs);
@@ -60,7 +60,7 @@ TEST_P(Multigrid, ConjugateGradientsConvergeInFewCycles)
     ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
     const pliant_system *system = body.model->system;
     size_t n = 3 * static_cast<size_t>(system->num_free);
-    auto matrix = [&](const std::vector<double> &v) { // linear about rest: force of a tiny displacement
+    auto matrix = [&](const std::vector<double> &v) { // the force of a tiny displacement: linear about rest
         std::vector<double> at(system->mesh->rest, system->mesh->rest + 3 * system->mesh->num_nodes), out(n);
         double scale = 1e-7 / largest(v);
         for (int32_t f = 0; f < system->num_free; f++)
@@ -120,7 +120,7 @@ TEST_P(Multigrid, SameAnswerAsDirect)
     std::vector<double> a = pulled(direct), b = pulled(layered);
     double worst = 0;
     for (size_t n = 0; n < a.size(); n++) worst = std::fmax(worst, std::fabs(a[n] - b[n]));
-    EXPECT_LT(worst, 1e-6); // of a pull of 26 mm, both solved to 1e-6
+    EXPECT_LT(worst, 1e-6); // for a pull of 26 mm, both solved to 1e-6
     EXPECT_GT(layered.data->statistics.factors, 0u);
 }
 

@@ -1,4 +1,5 @@
-// The octree's mesh over random label fields: faces shared by two, volumes, orientation, quality, balance; where points and materials are.
+// Tests of the octree mesh over random label fields: faces, volumes, orientation, quality, balance, point location and
+// materials.
 #include "mesh/octree.h"
 #include "pipeline/body.h"
 
@@ -50,7 +51,7 @@ struct Field {
         materials = nullptr;
         return pliant_mesh_octree(&geometry, roots.data(), depth, purity, keep_air, hexahedra, material.data(), &table, &mesh, &materials);
     }
-    // some balls of random materials, some single voxels
+    // Scatter balls and single voxels of random materials.
     void scatter(unsigned seed)
     {
         std::mt19937 random(seed);
@@ -73,7 +74,7 @@ double volume_of(const pliant_mesh &mesh, int32_t t)
     return pliant_mesh_gradients(&mesh, t, g);
 }
 
-// 1 for a regular one: 12 (3 V)^(2/3) over the sum of squared edges (Liu and Joe 1994)
+// Quality 12 (3 V)^(2/3) / (sum of squared edges), which is 1 for a regular tetrahedron (Liu and Joe 1994).
 double quality_of(const pliant_mesh &mesh, int32_t t)
 {
     const int32_t *n = mesh.tets + 4 * t;
@@ -86,7 +87,7 @@ double quality_of(const pliant_mesh &mesh, int32_t t)
 
 using Face = std::array<int32_t, 3>;
 
-// what faces there are, and of how many tetrahedra
+// Return all faces with the number of their tetrahedra.
 std::map<Face, int> faces_of(const pliant_mesh &mesh)
 {
     std::map<Face, int> faces;
@@ -110,7 +111,8 @@ TEST(Octree, IsConformingOverRandomFields)
         int depth = 1 + static_cast<int>(seed % 3);
         std::array<int32_t, 3> roots{4, 3, 2};
         ASSERT_EQ(field.build(roots, depth, 1, true), PLIANT_OK) << pliant_last_error();
-        // every face inside belongs to two, and those of one lie on the box: nothing hangs
+        // Two tetrahedra share each inner face. A face of one tetrahedron lies on the box, so there are no hanging
+        // nodes.
         double volume = 0, box = 0.032 * 0.024 * 0.016, worst = 1;
         const double low[3] = {-0.0005, -0.0005, seed % 2 ? -0.0155 : -0.0005}, high[3] = {0.0315, 0.0235, seed % 2 ? 0.0005 : 0.0155};
         for (int32_t t = 0; t < field.mesh.num_tets; t++) {
@@ -143,7 +145,7 @@ TEST(Octree, WithoutAirNothingOverlapsAndTheSurfaceIsClosed)
         Field field({32, 24, 16});
         field.scatter(seed);
         ASSERT_EQ(field.build({4, 3, 2}, 2), PLIANT_OK) << pliant_last_error();
-        // a node that hangs on an edge or face of another tetrahedron would make edges of the surface that are not shared by an even number
+        // With a hanging node, some edges of the surface would have an odd number of faces.
         std::map<std::array<int32_t, 2>, int> edges;
         for (const auto &face : faces_of(field.mesh)) {
             ASSERT_LE(face.second, 2);
@@ -167,7 +169,7 @@ TEST(Octree, NeighboursDifferByOneLevelAtMost)
     ASSERT_EQ(pliant_octree_create(roots, 5, 1, &field.geometry, field.material.data(), &tree), PLIANT_OK);
     int smallest = 0;
     for (int32_t leaf = 0; leaf < tree.num_leaves; leaf++) smallest += tree.level[leaf] == 5;
-    EXPECT_EQ(smallest, 8); // the voxel's cell and its seven brothers
+    EXPECT_EQ(smallest, 8); // the voxel's cell and its seven siblings
     const int32_t *cells = tree.cells[5];
     for (int32_t c = 0; c < cells[2]; c++)
         for (int32_t b = 0; b < cells[1]; b++)
@@ -187,7 +189,8 @@ TEST(Octree, NeighboursDifferByOneLevelAtMost)
     pliant_octree_free(&tree);
 }
 
-// For hexahedra: what is in the middle of an edge or face of a larger leaf follows its corners, and none of these is in such a middle itself.
+// For hexahedra: a node in the middle of a larger leaf's edge or face is constrained to its corners.
+// None of these corners is constrained itself.
 TEST(Octree, NoNodeFollowsOneThatFollows)
 {
     size_t followers = 0;
@@ -289,7 +292,7 @@ TEST(Octree, RefusesAndRunsOutOfMemoryCleanly)
     EXPECT_EQ(field.build({4, 4, 4}, 2), PLIANT_ERROR_SCENE);
 }
 
-// the whole pipeline on it: a patch test, both solvers
+// The whole simulation on an octree mesh, with both solvers, and a patch test.
 TEST(Octree, BendsLikeTheLatticeOfItsSmallestCells)
 {
     const int size[3] = {16, 16, 32};

@@ -1,4 +1,4 @@
-// What a thread may read is asked of its check, by the real path of the very file.
+// A thread's open check receives the real path of each file before the file is read.
 #include "base/open.h"
 #include "pliant/pliant.h"
 

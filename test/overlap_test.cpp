@@ -1,4 +1,4 @@
-// Two tetrahedra overlap or not, against separating axes in whole numbers.
+// The overlap test of two tetrahedra, against separating axes in integer arithmetic.
 #include "../cuda/contact/overlaps_side.h"
 #include "contact/detect/overlap.h"
 
@@ -37,7 +37,7 @@ bool separates(const Vector &axis, const Tetrahedron &a, const Tetrahedron &b)
     return high[0] <= low[1] || high[1] <= low[0];
 }
 
-// of two convex bodies: all normals of faces, all products of edges
+// Test all axes of two convex bodies: the normals of faces and the cross products of edges.
 bool overlap_exactly(const Tetrahedron &a, const Tetrahedron &b)
 {
     if (is_flat(a) || is_flat(b)) return false;
@@ -49,7 +49,8 @@ bool overlap_exactly(const Tetrahedron &a, const Tetrahedron &b)
             for (int w = v + 1; w < 4; w++) edges[t][count++] = minus(one[w], one[v]);
         for (int i = 0; i < 6; i++)
             for (int j = 0; j < i; j++)
-                if (separates(cross(edges[t][i], edges[t][j]), a, b)) return false; // also of no face: no harm
+                // some are no face normals, which does no harm
+                if (separates(cross(edges[t][i], edges[t][j]), a, b)) return false;
     }
     for (const Vector &e : edges[0])
         for (const Vector &f : edges[1])
@@ -96,7 +97,7 @@ Counts compare(int size, int count, unsigned seed)
     return counts;
 }
 
-// few places: corners, edges and faces coincide, a fifth of the tetrahedra are flat
+// Few coordinates: corners, edges and faces coincide, and a fifth of the tetrahedra are flat.
 TEST(Overlap, OfTouchingAndFlatOnes)
 {
     for (int size : {1, 2, 3}) {
@@ -123,7 +124,7 @@ Tetrahedron moved(const Tetrahedron &a, const Vector &by)
     return out;
 }
 
-// what touches does not overlap, and does as soon as it is moved in by one
+// Tetrahedra in contact do not overlap. They overlap after a motion of one unit.
 TEST(Overlap, BeginsWhereTheyTouch)
 {
     const Tetrahedron a = {{{0, 0, 0}, {60, 0, 0}, {0, 60, 0}, {0, 0, 60}}};
@@ -133,7 +134,7 @@ TEST(Overlap, BeginsWhereTheyTouch)
     const Tetrahedron corner = {{{-30, -30, -30}, {0, 0, 0}, {-30, 0, 0}, {0, -30, 0}}};
     EXPECT_FALSE(overlap(a, corner));
     EXPECT_TRUE(overlap(a, moved(corner, {1, 1, 1})));
-    // an edge along x at y = z = 0 and one along (0, 1, -1) that crosses it: no corner of either is in the other
+    // Two edges cross: one along x at y = z = 0, and one along (0, 1, -1). No corner lies in the other tetrahedron.
     const Tetrahedron edge = {{{20, 10, -10}, {20, -10, 10}, {10, -30, -30}, {30, -30, -30}}};
     EXPECT_FALSE(overlap(a, edge));
     EXPECT_TRUE(overlap(a, moved(edge, {0, 1, 1})));
@@ -148,7 +149,7 @@ TEST(Overlap, BeginsWhereTheyTouch)
     EXPECT_TRUE(overlap(within, a));
 }
 
-// metres: powers of two are exact, too
+// Scale to metres: powers of two are exact too.
 TEST(Overlap, DoesNotDependOnTheUnit)
 {
     std::mt19937 random(4);
@@ -167,20 +168,20 @@ TEST(Overlap, OfNumbersThatAreNone)
     EXPECT_FALSE(pliant_tets_overlap(b, a));
 }
 
-// a grid's cells are as wide as was asked for as soon as nothing speaks for wider ones
+// The cells of the grid return to the requested width as soon as wider cells are not needed.
 TEST(Overlap, CellsAreWideNoLongerThanTheyHaveToBe)
 {
     gpu_cells cells = {0.01, 1, 1};
     EXPECT_EQ(gpu_cells_most(&cells), 16u);
     EXPECT_FALSE(gpu_cells_follow(&cells, 16, 900, 1000));
     EXPECT_EQ(gpu_cells_coarser(&cells), 1);
-    EXPECT_TRUE(gpu_cells_follow(&cells, 4000, 900, 1000)); // a node flies away
+    EXPECT_TRUE(gpu_cells_follow(&cells, 4000, 900, 1000)); // a node moves far away
     EXPECT_GE(gpu_cells_most(&cells), 4000u);
     EXPECT_FALSE(gpu_cells_follow(&cells, 4000, 10, 1000));
     EXPECT_FALSE(gpu_cells_follow(&cells, 5000, 10, 1000)) << "it may go on a little";
-    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 10, 1000)); // and comes back
+    EXPECT_FALSE(gpu_cells_follow(&cells, 0, 10, 1000)); // and returns
     EXPECT_EQ(gpu_cells_coarser(&cells), 1);
-    EXPECT_TRUE(gpu_cells_follow(&cells, 0, 5000, 1000)); // all of it grows
+    EXPECT_TRUE(gpu_cells_follow(&cells, 0, 5000, 1000)); // the whole mesh grows
     EXPECT_TRUE(gpu_cells_follow(&cells, 0, 1200, 1000));
     EXPECT_FALSE(gpu_cells_follow(&cells, 0, 300, 1000));
     EXPECT_EQ(gpu_cells_coarser(&cells), 4);
@@ -189,7 +190,8 @@ TEST(Overlap, CellsAreWideNoLongerThanTheyHaveToBe)
     EXPECT_FALSE(gpu_cells_follow(&cells, 0, 60, 1000));
     EXPECT_EQ(gpu_cells_coarser(&cells), 1);
     EXPECT_TRUE(gpu_cells_follow(&cells, std::numeric_limits<unsigned long long>::max(), 0, 1000));
-    EXPECT_FALSE(gpu_cells_follow(&cells, static_cast<unsigned long long>(GPU_MOST_FINE_CELLS), 10, 1000)); // more are not told
+    // the counter has this upper limit
+    EXPECT_FALSE(gpu_cells_follow(&cells, static_cast<unsigned long long>(GPU_MOST_FINE_CELLS), 10, 1000));
 }
 
 } // namespace

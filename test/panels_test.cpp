@@ -1,4 +1,4 @@
-// Triangular solves on panels in single precision, against the product with the factor that they were made of.
+// Triangular solves on panels in single precision, against the product with the original factor.
 #include <gtest/gtest.h>
 
 extern "C" {

@@ -1,4 +1,4 @@
-// Tool paths: what a file says is what a tool does; a wrong file is refused with file, line and field.
+// Tests of tool paths: a tool follows its file, and a wrong file is refused with file, line and field.
 #include "pliant/memory.h"
 #include "pliant/path.h"
 
@@ -316,7 +316,7 @@ TEST_F(Path, ReadsAShapeFromAFileOfItsOwn)
     EXPECT_EQ(shape.num_parts, 1) << "as it was";
 }
 
-// An STL file beside the path, in millimetres, and a hull of points.
+// An STL file in the folder of the path, in millimetres, and a convex hull of points.
 TEST_F(Path, PartsMayBeSolids)
 {
     const std::string stl = std::string(name_) + ".stl";

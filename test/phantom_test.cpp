@@ -1,4 +1,4 @@
-/* The built-in scan: the same bits everywhere, every tissue as large, as bright and where it should be. */
+/* The built-in scan: the same bits on every machine, and each tissue with the expected size, intensity and position. */
 #include "pliant/memory.h"
 #include "pliant/scan.h"
 
@@ -46,7 +46,8 @@ struct Phantom {
         return scan.geometry.spacing[0] * scan.geometry.spacing[1] * scan.geometry.spacing[2];
     }
 
-    /* of a label, or of everything (-1): litres, centre [m], mean and deviation of the values inside, away from edges */
+    /* Measure a label, or the whole scan (-1): litres, centre [m], mean and deviation of the inner values, away from
+     * edges. */
     struct Measure { double litres, centre[3], mean, deviation; };
     Measure measure(int label) const
     {
@@ -118,7 +119,8 @@ TEST(phantom, same_bits_again_and_with_any_number_of_threads)
     omp_set_num_threads(before);
 }
 
-/* on every machine and with every compiler: a change of the phantom is made on purpose or not at all */
+/* The hash is the same on every machine and with every compiler. Change it only for an intended change of the
+ * phantom. */
 TEST(phantom, same_bits_on_every_machine)
 {
     Phantom phantom(64, 48, 40, 7);
@@ -126,7 +128,7 @@ TEST(phantom, same_bits_on_every_machine)
     EXPECT_EQ(checksum(phantom.labels.voxels, 2 * phantom.voxels()), 18026176012485632706u);
 }
 
-/* whole voxels would make steps: pictures of it show bands */
+/* Steps of whole voxels would show as bands in pictures. */
 TEST(phantom, the_skin_is_smooth_between_voxels)
 {
     const Phantom &p = usual();
@@ -143,7 +145,7 @@ TEST(phantom, the_skin_is_smooth_between_voxels)
             double bend = place[0] - 2 * place[1] + place[2];
             ++number, squares += bend * bend;
         }
-    EXPECT_LT(std::sqrt(squares / number), 0.1); /* of a voxel; 0.32 of whole ones */
+    EXPECT_LT(std::sqrt(squares / number), 0.1); /* in voxels; whole voxels would give 0.32 */
 }
 
 TEST(phantom, the_seed_changes_the_noise_only)
@@ -208,7 +210,7 @@ TEST(phantom, the_body_has_the_size_of_a_body_and_air_around_it)
     EXPECT_LT(high[1], size[1] - 3);
 }
 
-/* litres, and Hounsfield units away from edges: the ranges of anatomy and of a CT with contrast */
+/* Litres, and Hounsfield units away from edges. The ranges come from anatomy and from a CT with contrast agent. */
 TEST(phantom, every_tissue_has_its_volume_and_brightness)
 {
     struct Expected { double low, high, mean, tolerance; };
@@ -281,7 +283,7 @@ TEST(phantom, the_body_is_the_same_at_another_size)
     Phantom other(200, 200, 150);
     for (int label = 0; label < NUM_LABELS; ++label) {
         Phantom::Measure a = usual().measure(label), b = other.measure(label);
-        /* what is a few voxels thick is counted less exactly: skin, ribs, flat pockets of gas */
+        /* tissues that are a few voxels thick have a larger counting error: skin, ribs, flat pockets of gas */
         bool thin = label == LABEL_skin || label == LABEL_rib || label == LABEL_bowel_gas;
         double tolerance = thin ? 0.06 : 0.03;
         EXPECT_NEAR(b.litres / a.litres, 1, tolerance) << pliant_phantom_label_name(label);

@@ -1,4 +1,4 @@
-// A ray through the deformed volume to its isosurface, against spheres and planes that are known exactly.
+// A ray through the deformed volume to its isosurface, against exact spheres and planes.
 #include "pliant/memory.h"
 #include "pipeline/body.h"
 #include "pliant/pick.h"
@@ -73,7 +73,7 @@ struct Ball {
 };
 
 const double STRAIGHT[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-// turned by 30 degrees around z and 40 around x
+// Rotated by 30 degrees around z and 40 around x.
 const double OBLIQUE[9] = {0.8660254037844387, -0.38302222155948895, 0.3213938048432697,
                            0.5,                0.6634139481689384,   -0.5566703992264194,
                            0.0,                0.6427876096865393,   0.766044443118978};
@@ -98,7 +98,8 @@ TEST_P(Balls, RaysMeetTheSphere)
         pliant_picked picked{};
         ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK) << pliant_last_error();
         ASSERT_TRUE(picked.hit) << n;
-        // a sphere's values are curved between voxels: trilinear interpolation puts its surface a little inwards
+        // The values of a sphere are curved between voxels. So trilinear interpolation puts its surface slightly
+        // inside.
         EXPECT_NEAR(ball.from_centre(picked.point), ball.radius, 1e-4) << n;
         EXPECT_NEAR(picked.intensity, 0, 0.02) << n;
         // the near side
@@ -126,7 +127,7 @@ TEST_P(Balls, RaysThatPassByMeetNothing)
 {
     Ball ball(direction(), spacing(), 0.025);
     for (double past : {0.0262, 0.04, 0.3}) {
-        // a tangent ray, `past` from the centre
+        // a ray that passes the centre at distance `past`
         pliant_ray ray{};
         for (int d = 0; d < 3; d++) ray.origin[d] = ball.centre[d];
         ray.origin[0] -= 0.4;
@@ -137,7 +138,7 @@ TEST_P(Balls, RaysThatPassByMeetNothing)
         ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK);
         EXPECT_FALSE(picked.hit) << past;
     }
-    // away from it
+    // a ray that points away from it
     const double aim[3] = {ball.centre[0] + 2, ball.centre[1], ball.centre[2]};
     pliant_ray away = ball.ray_from(1, 0, 0, aim);
     pliant_picked picked{};
@@ -156,7 +157,8 @@ TEST(Pick, ARayThatStartsInsideHitsWhereItStarts)
     ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK);
     ASSERT_TRUE(picked.hit);
     EXPECT_EQ(picked.distance, 0);
-    // linear interpolation of the distance errs by at most (sum of squared spacings) / 8 / 15 mm: 0.18 mm, 0.72 in value
+    // Linear interpolation of the distance has an error of at most (sum of squared spacings) / 8 / 15 mm = 0.18 mm, or
+    // 0.72 in value.
     EXPECT_NEAR(picked.intensity, 40, 0.72);
 }
 
@@ -172,7 +174,7 @@ TEST(Pick, OnlyThePartBetweenNearAndFarCounts)
     ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK);
     ASSERT_TRUE(picked.hit);
     EXPECT_NEAR(picked.distance, 0.275, 1e-4);
-    ray.near = 0.29; // cut open there
+    ray.near = 0.29; // the near plane cuts the sphere
     ray.far = 0;
     ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, 0.0, &picked), PLIANT_OK);
     ASSERT_TRUE(picked.hit);
@@ -183,7 +185,7 @@ TEST(Pick, OnlyThePartBetweenNearAndFarCounts)
 TEST(Pick, TheRestPositionFollowsTheDeformation)
 {
     Ball ball(OBLIQUE, EVEN, 0.025);
-    // the same volume, but its mesh came from elsewhere: positions = A rest + b, so rest = A^-1 (x - b)
+    // The same volume with another mesh: positions = A rest + b, so rest = A^-1 (x - b).
     std::vector<double> positions(3 * size_t(ball.mesh.num_nodes)), rest(ball.mesh.rest, ball.mesh.rest + 3 * ball.mesh.num_nodes);
     for (int32_t n = 0; n < ball.mesh.num_nodes; n++) {
         const double *x = &rest[3 * size_t(n)];
@@ -204,12 +206,12 @@ TEST(Pick, WhatIsNotTissueIsPassedThrough)
 {
     Ball ball(STRAIGHT, EVEN, 0.025);
     pliant_mesh_free(&ball.mesh);
-    // tissue in the half with larger i only
+    // tissue only in the half with larger i
     const int32_t cells[3] = {6, 5, 5};
     std::vector<uint8_t> keep(5 * 150);
     for (size_t n = 0; n < keep.size(); n++) keep[n] = n / 5 % 6 >= 3;
     ASSERT_EQ(pliant_mesh_grid(&ball.volume.geometry, cells, keep.data(), &ball.mesh), PLIANT_OK);
-    // along j, where i is small: the ball is there, but nothing to hold
+    // The ray runs along j at small i: the volume shows the ball, but there is no tissue.
     const double aim[3] = {ball.centre[0] - 0.02, ball.centre[1], ball.centre[2]};
     pliant_ray ray = ball.ray_from(-0.02, -0.3, 0, aim);
     pliant_picked picked{};
@@ -233,7 +235,7 @@ TEST(Pick, AThresholdBelowAllValuesFindsTheFirstTissue)
     ASSERT_EQ(pliant_mesh_grid(&ball.volume.geometry, cells, keep.data(), &ball.mesh), PLIANT_OK);
     const double border = ball.mesh.corner[0] + 3 * ball.mesh.cell_size[0];
     pliant_picked picked{};
-    for (double from : {-0.3, -0.03}) { // outside of the volume, and inside of it, in front of the tissue
+    for (double from : {-0.3, -0.03}) { // outside of the volume; inside of it but in front of the tissue
         pliant_ray ray = ball.ray_from(from, 0.003, 0.002, ball.centre);
         ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, -1e6, &picked), PLIANT_OK);
         ASSERT_TRUE(picked.hit) << picked.reason;
@@ -245,7 +247,7 @@ TEST(Pick, AThresholdBelowAllValuesFindsTheFirstTissue)
         EXPECT_NEAR(picked.distance, std::sqrt(length), 1e-9);
         EXPECT_NEAR(picked.intensity, 100 * (1 - ball.from_centre(picked.point) / ball.radius), 3) << "interpolated near the middle";
     }
-    // behind the near end that tissue is passed over
+    // tissue before the near plane is skipped
     pliant_ray ray = ball.ray_from(-0.3, 0.003, 0.002, ball.centre);
     ray.near = 0.32;
     ASSERT_EQ(pliant_pick(&ball.volume, &ball.mesh, ball.mesh.rest, &ray, -1e6, &picked), PLIANT_OK);
@@ -253,10 +255,10 @@ TEST(Pick, AThresholdBelowAllValuesFindsTheFirstTissue)
     EXPECT_DOUBLE_EQ(picked.distance, 0.32);
 }
 
-// Elements at the border hold air, too.
+// Elements at the border also contain air.
 TEST(Pick, TheFirstTissueIsNoAirInsideAnElement)
 {
-    const int size[3] = {20, 16, 16}, first = 7; // voxels of 2 mm, of air before the first; cells of 5 voxels
+    const int size[3] = {20, 16, 16}, first = 7; // voxels of 2 mm, with air before `first`; cells of 5 voxels
     const double box[3] = {0.04, 0.032, 0.032};
     Body body(size, box, {{1, 0, 1, true}, {10e3, 0.4, 1000, false}}, [=](int i, int, int) { return i >= first; });
     body.cells(4, 4, 4, 1);
@@ -351,7 +353,7 @@ TEST(Pick, FarAwayRaysEnd)
     }
 }
 
-// what a warp has drawn is picked in as any volume is
+// A pick in a warp gives the same result as a pick in its volume.
 TEST(Pick, InAWarpAsInItsVolume)
 {
     Ball ball(STRAIGHT, EVEN, 0.025);

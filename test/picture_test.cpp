@@ -1,4 +1,4 @@
-// Pictures: what lies where in the patient comes out at its place and in its shade; differences in the right colour.
+// Tests of pictures: each part of the patient has the right position and shade, and differences have the right colour.
 #include "programs/picture.h"
 #include "programs/picture_scalar.h"
 #include "programs/picture_section.h"
@@ -20,14 +20,14 @@ namespace {
 using Image = itk::Image<itk::RGBPixel<unsigned char>, 2>;
 enum { PANEL = 480, GAP = 4 };
 
-// A cube of 48 mm around the origin, 24 voxels a side, -1000 but for one bright octant.
+// A cube of 48 mm around the origin, 24 voxels a side, -1000 except for one bright octant.
 class Picture : public testing::Test {
 protected:
     void SetUp() override
     {
         ASSERT_NE(mkdtemp(folder_), nullptr);
         pliant_geometry geometry = {{24, 24, 24}, {0.023, 0.023, -0.023}, {0.002, 0.002, 0.002},
-                                    {-1, 0, 0, 0, -1, 0, 0, 0, 1}}; // i to the right, j to the front: as NIfTI files have it
+                                    {-1, 0, 0, 0, -1, 0, 0, 0, 1}}; // i to the right, j to the front, as in NIfTI files
         for (pliant_volume *volume : {&before_, &after_}) {
             ASSERT_EQ(pliant_volume_create(&geometry, PLIANT_INT16, volume), PLIANT_OK);
             volume->slope = 1;
@@ -42,7 +42,7 @@ protected:
         pliant_volume_free(&before_);
         pliant_volume_free(&after_);
     }
-    // left (x > 0), anterior (y < 0), superior (z > 0) becomes bright
+    // Brighten the left (x > 0), anterior (y < 0), superior (z > 0) octant.
     static void brighten(pliant_volume *volume)
     {
         for (int k = 12; k < 24; ++k)
@@ -54,7 +54,7 @@ protected:
         picture_view view = {{0.011, -0.011, 0.011}, {0.011, -0.011, 0.011}, -1000, 240};
         ASSERT_EQ(picture_write(folder_, "", &before_, &after_, &view), PLIANT_OK) << pliant_last_error();
     }
-    // right and down as fractions of a panel; an eighth and more away from edges and cross
+    // Return the colour at fractions right and down of a panel, at least an eighth away from edges and cross.
     std::string colour(const std::string &plane, int panel, double right, double down, unsigned wide = 3u * PANEL + 2 * GAP)
     {
         auto reader = itk::ImageFileReader<Image>::New();
@@ -124,7 +124,7 @@ TEST_F(Picture, WindowIsSoftTissueForCtAndPercentilesForOthers)
     ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
     EXPECT_NEAR(low, 7, 1);
     EXPECT_NEAR(high, 697, 3);
-    voxels[0] = -2000; // phase and filtered images go below zero, too
+    voxels[0] = -2000; // phase and filtered images have negative values too
     ASSERT_EQ(picture_window(&before_, &low, &high), PLIANT_OK);
     EXPECT_NEAR(high, 697, 3);
     before_.modality = PLIANT_MODALITY_CT;
@@ -153,7 +153,7 @@ TEST_F(Picture, NamesAFolderThatIsNotThere)
     EXPECT_NE(std::string(pliant_last_error()).find(absent + "/axial.png"), std::string::npos) << pliant_last_error();
 }
 
-// a number of a tetrahedron where a plane cuts it: red on the left of the patient, blue on the right
+// Each tetrahedron that a plane cuts has the colour of its scalar: red on the left of the patient, blue on the right.
 TEST_F(Picture, ScalarsAreColoursOfTheTetrahedraThatThePlanesCut)
 {
     const double nodes[] = {-0.02, 0, -0.02, -0.02, 0.02, 0.02, -0.02, -0.02, 0.02, 0, 0, 0, // right
@@ -201,7 +201,7 @@ TEST_F(Picture, LabelsAreColoursOnTheSameSideAsTheScan)
     EXPECT_EQ(colour("sagittal", 1, 0.15, 0.15, wide), shown[1]);
 }
 
-// the material's colour on the right of the patient, red on the left, white where a blade sweeps
+// The material's colour is on the right of the patient, red on the left, and white in the region that a blade sweeps.
 TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
 {
     const double nodes[] = {-0.02, 0, -0.02, -0.02, 0.02, 0.02, -0.02, -0.02, 0.02, 0, 0, 0, // right
@@ -212,7 +212,8 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     mesh.num_tets = 2;
     mesh.tets = tets;
     const uint8_t material[] = {3, 3}, collided[] = {0, 1};
-    // Two parallelograms in the sagittal planes x = 12 mm and x = -12 mm; the axial plane of the picture misses the second.
+    // Two parallelograms in the sagittal planes x = 12 mm and x = -12 mm. The axial plane of the picture misses the
+    // second.
     const double strips[] = {0.012, -0.024, -0.02, 0.012, 0.024, -0.02, 0.012, 0.024, 0.02, 0.012, -0.024, 0.02,
                              -0.012, -0.024, -0.02, -0.012, 0.024, -0.02, -0.012, 0.024, 0, -0.012, -0.024, 0};
     const double point[3] = {0, 0, 0.012};
@@ -225,7 +226,7 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     EXPECT_EQ(colour("mesh_axial", 0, 0.1, 0.5, PANEL), of_material);
     EXPECT_EQ(colour("mesh_axial", 0, 0.9, 0.5, PANEL), "e61919");
     EXPECT_EQ(colour("mesh_axial", 0, 0.5, 0.1, PANEL), "000000") << "no tissue";
-    const double swept = (0.021 + 0.012) / 0.042; // the box of the nodes, and a twentieth more, fills the picture
+    const double swept = (0.021 + 0.012) / 0.042; // the picture shows the nodes' box, enlarged by a twentieth
     EXPECT_EQ(colour("mesh_axial", 0, swept, 0.02, PANEL), "ffffff");
     EXPECT_EQ(colour("mesh_axial", 0, swept, 0.98, PANEL), "ffffff");
     EXPECT_EQ(colour("mesh_axial", 0, 1 - swept, 0.98, PANEL), "000000") << "the other parallelogram lies below the plane";
@@ -238,7 +239,7 @@ TEST_F(Picture, AMeshShowsMaterialsCollisionsAndWhatABladeSweeps)
     for (const picture_plane &plane : picture_planes) std::remove((folder_ + ("/mesh_" + std::string(plane.name) + ".png")).c_str());
 }
 
-// Pixels of a colour in a picture.
+// Count the pixels of a colour in a picture.
 int count(const std::string &path, int red, int green, int blue)
 {
     auto reader = itk::ImageFileReader<Image>::New();
@@ -254,7 +255,7 @@ int count(const std::string &path, int red, int green, int blue)
     return found;
 }
 
-// [C] figure 4: the parallelogram of a cut is in the picture of its step alone, where a tool presses the mesh is red
+// [C] figure 4: only the picture of a cut's step shows its parallelogram. The mesh is red where a tool presses.
 TEST_F(Picture, AMeshShowsTheCutsOfItsStepAndWhereAToolPresses)
 {
     const std::string out = std::string(folder_) + "/cut", path = std::string(folder_) + "/path.yaml";

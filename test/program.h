@@ -1,4 +1,4 @@
-// A command-line program as a user meets it: exit code, what it prints, what it writes into a folder of its own.
+// Base class of tests of a command-line program: exit code, output, and files in a temporary folder.
 #ifndef PLIANT_TEST_PROGRAM_H
 #define PLIANT_TEST_PROGRAM_H
 
@@ -19,7 +19,7 @@ protected:
     void SetUp() override { ASSERT_NE(mkdtemp(folder_), nullptr); }
     void TearDown() override { EXPECT_EQ(std::system(("rm -r " + std::string(folder_)).c_str()), 0); }
     std::string in(const std::string &name) const { return std::string(folder_) + "/" + name; }
-    // Exit code; what went to stdout and stderr is kept.
+    // Run the program and keep its stdout and stderr. Return its exit code.
     int run(const std::string &arguments)
     {
         int code = std::system((program_ + " " + arguments + " > " + in("out") + " 2> " + in("err")).c_str());
@@ -27,7 +27,7 @@ protected:
         err_ = text(in("err"));
         return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
     }
-    // Starts it, and interrupts it (Ctrl-C) once it is ready: its exit code, also where it ends before.
+    // Start the program and interrupt it (Ctrl-C) once it is ready. Return its exit code, also if it ends earlier.
     template <class Ready> int interrupt(const std::string &arguments, const Ready &ready)
     {
         const std::string command = "exec " + program_ + " " + arguments + " > " + in("out") + " 2> " + in("err");

@@ -44,7 +44,8 @@ class Python(unittest.TestCase):
         self.assertTrue(tool.holding)
         self.assertGreater(-tool.force[1], 0.01)  # it pulls the tissue to the front
         state, moved = tool.state, np.linalg.norm(sim.nodes - sim.rest, axis=1)
-        np.testing.assert_allclose(tool.force, state["stiffness"] * (state["tip"] - state["held_point"]), rtol=1e-6, atol=1e-9)  # a spring's
+        # the force of a spring
+        np.testing.assert_allclose(tool.force, state["stiffness"] * (state["tip"] - state["held_point"]), rtol=1e-6, atol=1e-9)
         self.assertGreater(moved.max(), 0.003)
         self.assertTrue((moved[sim.fixed] == 0).all())
         self.assertLess(sim.error, 1e-3)
@@ -93,7 +94,7 @@ class Python(unittest.TestCase):
         self.assertEqual(back.mask.shape, volume.values.shape)
         self.assertEqual(back.vectors.shape, volume.values.shape + (3,))
         tissue = back.mask == 1
-        # the scan where the vectors point to, to the nearest voxel, is nearly the deformed volume
+        # The scan at the positions of the vectors, rounded to voxels, is nearly the deformed volume.
         k, j, i = (grid[tissue] for grid in np.meshgrid(*(np.arange(n) for n in tissue.shape), indexing="ij"))
         index = np.rint(np.stack([i, j, k], 1) + back.vectors[tissue] @ back.direction / back.spacing).astype(int)
         index = np.clip(index, 0, np.array(tissue.shape[::-1]) - 1)
@@ -145,11 +146,11 @@ class Python(unittest.TestCase):
                 time.sleep(1e-4)
         thread, interval = threading.Thread(target=count), sys.getswitchinterval()
         thread.start()
-        sys.setswitchinterval(60)  # threads take turns only where one lets go
+        sys.setswitchinterval(60)  # threads switch only where one releases the lock
         try:
             for step in range(1000):
                 before = counts[0]
-                tool.move(LIVER - [0, 0.002 * (step % 2), 0])  # at rest a step takes a microsecond
+                tool.move(LIVER - [0, 0.002 * (step % 2), 0])  # a step at rest takes a microsecond only
                 sim.step()
                 if counts[0] > before:
                     break
@@ -219,7 +220,8 @@ class Python(unittest.TestCase):
         self.assertTrue(set(before.label[seen]) <= set(range(1, len(names) + 1)))
         bone = sim.render(K, T, size, shown=["bone"])
         self.assertEqual(set(bone.label[np.isfinite(bone.depth)]) - {0}, {names.index("bone") + 1})
-        self.assertGreater(np.nanmedian(bone.depth), np.nanmedian(before.depth) + 0.02)  # behind what covers it
+        # behind the tissue that covers it
+        self.assertGreater(np.nanmedian(bone.depth), np.nanmedian(before.depth) + 0.02)
         self.assertEqual(film.shape, (48, 64))
         self.assertTrue(2 < film.max() < 12)  # 0.3 m of water: 6
         self.assertTrue((sim.radiograph(LIVER, size=(64, 48), pixel=0.008) != film).any())
@@ -237,7 +239,7 @@ class Python(unittest.TestCase):
         self.assertEqual(len(sim.contacts), 0)
         other, probe = sim.tool("other"), sim.tool("probe")
         probe.shape("probe")
-        skin, inwards = np.array([-0.027, -0.125, -0.025]), [-0.5 ** 0.5, 0, 0, 0.5 ** 0.5]  # the rod comes along y
+        skin, inwards = np.array([-0.027, -0.125, -0.025]), [-0.5 ** 0.5, 0, 0, 0.5 ** 0.5]  # the rod points along y
         for step in range(20):
             probe.move(skin + [0, 0.001 * step, 0], inwards)
             sim.step()
@@ -256,7 +258,7 @@ class Python(unittest.TestCase):
         nodal = sim.scalar("contact_force")
         self.assertGreater(nodal.max(), 0.01)
         self.assertTrue((nodal[np.linalg.norm(sim.rest - skin, axis=1) > 0.1] == 0).all())
-        # by hold and contact together
+        # The wrench includes grasp and contact.
         probe.grasp(LIVER)
         probe.drive("force", [0.1, 0, 0])
         sim.step()
@@ -280,7 +282,8 @@ class Python(unittest.TestCase):
         sim = pliant.Sim(scan=SCAN, options=dict(SMALL, **{"mesh/coarse_cells": [10, 8, 8], "solver/iterations": 30, "contact/max_force": limit}), shapes=True)
         probe, bare = sim.tool("probe"), sim.tool("bare")
         probe.shape("probe")
-        skin, inwards = np.array([-0.027, -0.125, -0.025]), np.array([-0.5 ** 0.5, 0, 0, 0.5 ** 0.5])  # the rod comes along y
+        # the rod points along y
+        skin, inwards = np.array([-0.027, -0.125, -0.025]), np.array([-0.5 ** 0.5, 0, 0, 0.5 ** 0.5])
         bare.move(skin + [0, -0.05, 0])
         probe.move(skin + [0, -0.01, 0], inwards)
         sim.step()
@@ -322,7 +325,8 @@ class Python(unittest.TestCase):
                 jaw.shape("jaw.yml", offset=(0, 0.001, 0))
             finally:
                 os.chdir(before)
-        for angle in (0, 0.1, 0.35):  # half of it turns the ball towards +y, 0.1 m from its joint: 17 mm at last
+        # half of the angle turns the ball towards +y; it is 0.1 m from its joint, so it moves by up to 17 mm
+        for angle in (0, 0.1, 0.35):
             jaw.move([-0.027, -0.14, -0.025])
             jaw.jaw(angle)
             sim.step()

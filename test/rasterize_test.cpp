@@ -1,4 +1,4 @@
-// The deformed volume against a search over all tetrahedra in double, and against the scan itself.
+// The deformed volume against a search over all tetrahedra in double precision, and against the scan itself.
 #include "warp/raster.h"
 #include "warp_cases.h"
 
@@ -10,7 +10,7 @@ namespace {
 
 using namespace warp_cases;
 
-// Clamped trilinear sample, and how much it can change when each coordinate is off by up to `off`.
+// A clamped trilinear sample, and its largest change when each coordinate is off by up to `off`.
 struct sample { double value, spread; };
 sample sample_at(const pliant_volume &scan, const vector3 &at, double off)
 {
@@ -44,7 +44,8 @@ sample sample_at(const pliant_volume &scan, const vector3 &at, double off)
     return out;
 }
 
-// What a voxel may show: the source points of its owner, or of any that rounding of 1e-3 voxel could make the owner.
+// The allowed source points of a voxel: from its owner, and from every tetrahedron that a rounding error of 1e-3 voxel
+// could make the owner.
 struct expected_voxel {
     std::vector<std::pair<int32_t, vector3>> near;
     int32_t certain = std::numeric_limits<int32_t>::max();
@@ -239,7 +240,7 @@ TEST(rasterize, agrees_with_a_search_in_double)
 
 TEST(rasterize, no_hole_where_faces_edges_and_nodes_meet_voxel_centres)
 {
-    // cells of 3 voxels whose corners are voxel centres, bent by multiples of a voxel or of a fraction of it
+    // Cells of 3 voxels whose corners are voxel centres, displaced by multiples of a voxel or of a fraction of it.
     pliant_geometry geometry = box_geometry(25, 25, 25);
     std::fill(geometry.spacing, geometry.spacing + 3, 0.001);
     auto scan = make_scan(geometry, PLIANT_INT16);
@@ -253,7 +254,7 @@ TEST(rasterize, no_hole_where_faces_edges_and_nodes_meet_voxel_centres)
     auto warp = make_warp(*scan, *mesh, geometry);
     std::mt19937 random(3);
     for (int round = 0; round < 40; round++) {
-        // steps of 1, 1/2, 1/3, 1/4 voxel: many exact and nearly exact coincidences; nodes of the hull stay
+        // Steps of 1, 1/2, 1/3, 1/4 voxel give many exact and nearly exact coincidences. Nodes of the hull stay.
         std::uniform_int_distribution<int> step(-1, 1);
         double size = 0.001 / (1 + round % 4);
         positions x = rest_of(*mesh);
@@ -270,7 +271,7 @@ TEST(rasterize, no_hole_where_faces_edges_and_nodes_meet_voxel_centres)
 
 TEST(rasterize, the_lowest_index_owns_what_two_hold)
 {
-    // two layers pushed into each other: nodes of a mesh in two parts that share none
+    // Two overlapping layers of one mesh that share no nodes.
     pliant_geometry geometry = box_geometry(24, 24, 24);
     auto scan = make_scan(geometry, PLIANT_INT16);
     std::vector<uint8_t> keep(5 * 27, 1);
@@ -327,7 +328,7 @@ TEST(rasterize, all_sets_of_inner_loops_give_the_same_bits)
             ASSERT_TRUE(pliant_warp_use(plain.get(), RASTER_PORTABLE));
             for (raster_set set : {RASTER_AVX2, RASTER_AVX512}) {
                 auto fast = make_warp(*scan, *mesh, target);
-                if (!pliant_warp_use(fast.get(), set)) continue; // not on this machine
+                if (!pliant_warp_use(fast.get(), set)) continue; // not available on this machine
                 for (double height : {0.0, 0.0007, 0.003, 0.02}) {
                     auto x = waves(*mesh, height);
                     ASSERT_EQ(pliant_warp_update(fast.get(), x.data()), PLIANT_OK);

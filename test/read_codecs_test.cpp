@@ -1,5 +1,6 @@
-/* Compressed pixels of DICOM: numbers of few bits stored in many, damaged images, unsupported codecs. The images
- * were encoded by OpenJPEG, CharLS and libjpeg: 4 x 3 numbers of 8 bits, or of 5. */
+/* Compressed pixels of DICOM: numbers of few bits stored in many, damaged images, unsupported codecs. OpenJPEG, CharLS
+ * and
+ * libjpeg encoded the images: 4 x 3 numbers of 8 bits, or of 5. */
 #include "scan_files.h"
 
 #include <cmath>
@@ -50,7 +51,7 @@ void save_coded(const temporary_folder &folder, const codec &codec, int allocate
 
 } // namespace
 
-/* The header of a file may store numbers in more bits than they have; the highest stored bit is the sign. */
+/* The header may store numbers in more bits than they have. The highest stored bit is the sign. */
 TEST(Codecs, FewBitsStoredInMany)
 {
     for (const codec &codec : codecs())
@@ -84,7 +85,7 @@ TEST(Codecs, Jpeg2000WithASignOfItsOwn)
     for (int n = 0; n < 12; n++) EXPECT_EQ(scan.at(n % 4, n / 4, 1), float(NUMBERS[n] - 128));
 }
 
-/* In a file of boxes (JP2), with a comment, and with padding behind: what writers do. */
+/* Writers also produce JP2 files with boxes, comments, and padding at the end. */
 TEST(Codecs, WhatStandsAroundAnImage)
 {
     for (codec codec : codecs()) {
@@ -102,7 +103,7 @@ TEST(Codecs, WhatStandsAroundAnImage)
     }
 }
 
-/* GDCM ends its process on some of these; that process is a child. */
+/* GDCM ends its process on some of these. So the test runs it in a child process. */
 TEST(CodecsRefused, EveryTruncationAndBrokenByte)
 {
     for (const codec &whole : codecs()) {
