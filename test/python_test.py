@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
 """pliant.py against the library: what it tells, what it refuses, the same bits, several at once."""
+import contextlib
 import copy
+import io
 import os
 import pathlib
 import pickle
+import re
 import subprocess
 import sys
 import tempfile
@@ -567,6 +570,20 @@ class Python(unittest.TestCase):
                               env=dict(os.environ, PYTHONPATH=paths, PLIANT_LIBRARY=""), stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
         self.assertEqual(told.stdout.split(), ["SimState", "Step", "False"])
         self.assertIn("numpy", told.stderr)
+
+    def test_examples_of_the_documents_run(self):
+        source = pathlib.Path(HERE).parent
+        blocks = [block for name in ("README.md", "src/python/README.md")
+                  for block in re.findall(r"```python\n(.*?)```", (source / name).read_text(), re.S)]
+        self.assertGreater(len(blocks), 3)
+        names = {}
+        for block in blocks:
+            small = "%r, scan=%r" % (str(source / "launch/scenes/demo.yaml"), "phantom:80x58x60")
+            block = block.replace(', scan="phantom"', "").replace('"launch/scenes/demo.yaml"', small)
+            with self.subTest(block=block), contextlib.redirect_stdout(io.StringIO()):
+                exec(compile(block, "example", "exec"), names)
+        self.assertGreater(names["cut"].area, 0)
+        self.assertGreater(np.linalg.norm(names["forceps"].force), 0)
 
     def test_options_are_those_of_the_library(self):
         self.assertEqual(pliant.options()["solver/iterations"]["default"], "6")

@@ -1,5 +1,5 @@
-// The documents: the table of scene options is the table that the program prints. Links, files, YAML examples, options of commands,
-// and tests and benchmarks exist. No document is longer than a reader can search.
+// The documents: the table of scene options is the printed one. Links, files, YAML examples, options of commands, tests
+// and benchmarks exist. No document is longer than a reader can search.
 #include "programs/options_table.h"
 
 #include "pliant/pliant.h"
@@ -10,6 +10,7 @@
 #include <fnmatch.h>
 #include <fstream>
 #include <gtest/gtest.h>
+#include <map>
 #include <regex>
 #include <set>
 #include <sstream>
@@ -98,7 +99,8 @@ std::set<std::string> anchors(const std::string &document)
         if (begin == 0 || begin == std::string::npos || line[begin] != ' ') continue;
         std::string name;
         for (char c : line.substr(begin + 1)) {
-            if (std::isalnum(static_cast<unsigned char>(c)) || c == '-' || c == '_') name += static_cast<char>(std::tolower(c));
+            const int letter = static_cast<unsigned char>(c);
+            if (std::isalnum(letter) || c == '-' || c == '_') name += static_cast<char>(std::tolower(letter));
             else if (c == ' ') name += '-';
         }
         out.insert(name);
@@ -157,7 +159,8 @@ std::string printed_table()
 
 TEST(Readme, ShowsTheOptionsAsTheyAre)
 {
-    const std::string begin = "<!-- scene options: pliant_deform --options -->\n", end = "<!-- end of scene options -->\n";
+    const std::string begin = "<!-- scene options: pliant_deform --options -->\n";
+    const std::string end = "<!-- end of scene options -->\n";
     const std::string document = read(root + OPTIONS);
     size_t from = document.find(begin), to = document.find(end);
     ASSERT_NE(from, std::string::npos);
@@ -240,7 +243,8 @@ TEST(Readme, ProgramsThatFiguresNameExist)
 /* `sim/step/step.c` and the like may begin in the top folder, in src, in launch, or in the document's folder. */
 TEST(Readme, NamedFilesExist)
 {
-    const std::regex file("[`( ]([A-Za-z_0-9]+/[A-Za-z_0-9/.]+\\.(?:c|h|cpp|cu|py|yaml|launch|msg|srv|md|rviz))[`) \n]");
+    const std::regex file("[`( ]([A-Za-z_0-9]+/[A-Za-z_0-9/.]+\\.(?:c|h|cpp|cu|py|yaml|launch|msg|srv|md|rviz))"
+                          "[`) \n]");
     int count = 0;
     for (const Document &document : DOCUMENTS) {
         const std::string path = document.path, folder = path.substr(0, path.find_last_of('/') + 1);
@@ -249,8 +253,9 @@ TEST(Readme, NamedFilesExist)
             const std::string name = (*found)[1];
             if (name.find("NAME") != std::string::npos || name.find("data/") == 0) continue;
             bool is_found = false;
-            for (const std::string &where : {root, root + "src/", root + "src/fem/", root + "launch/", root + "include/", root + folder})
-                is_found = is_found || is_there(where + name);
+            for (const char *where : {"", "src/", "src/fem/", "launch/", "include/"})
+                is_found = is_found || is_there(root + where + name);
+            is_found = is_found || is_there(root + folder + name);
             EXPECT_TRUE(is_found) << path << " names " << name;
             count++;
         }
@@ -267,7 +272,7 @@ TEST(Readme, ExamplesCanBeRead)
     for (const Document &document : DOCUMENTS)
         for (const std::string &text : code_blocks(read(root + document.path), "yaml")) {
             std::ofstream(file) << text;
-            EXPECT_EQ(read_example(file, text), PLIANT_OK) << document.path << ": " << pliant_last_error() << "\n" << text;
+            EXPECT_EQ(read_example(file, text), PLIANT_OK) << document.path << ": " << pliant_last_error() << text;
             count++;
         }
     EXPECT_GT(count, 8);
@@ -277,10 +282,10 @@ TEST(Readme, ExamplesCanBeRead)
 
 TEST(Readme, CommandsHaveTheirOptions)
 {
-    const std::vector<std::pair<std::string, std::string>> programs = {{"pliant_deform", help_of(PLIANT_DEFORM)},
-                                                                       {"pliant_report", help_of(PLIANT_REPORT_PROGRAM)},
-                                                                       {"pliant_segment", help_of(PLIANT_SEGMENT_PROGRAM)},
-                                                                       {"pliant_fit", help_of(PLIANT_FIT_PROGRAM)}};
+    const std::map<std::string, std::string> programs = {{"pliant_deform", help_of(PLIANT_DEFORM)},
+                                                         {"pliant_report", help_of(PLIANT_REPORT_PROGRAM)},
+                                                         {"pliant_segment", help_of(PLIANT_SEGMENT_PROGRAM)},
+                                                         {"pliant_fit", help_of(PLIANT_FIT_PROGRAM)}};
     const std::regex option("(--[a-z][a-z-]*)");
     int count = 0;
     for (const Document &document : DOCUMENTS) {
