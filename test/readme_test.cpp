@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <fnmatch.h>
 #include <fstream>
+#include <glob.h>
 #include <gtest/gtest.h>
 #include <map>
 #include <regex>
@@ -261,6 +262,36 @@ TEST(Readme, NamedFilesExist)
         }
     }
     EXPECT_GT(count, 50);
+}
+
+/* Every message, service, launch file, scene and program is in the document of its subject. */
+TEST(Readme, NothingIsLeftOut)
+{
+    const struct {
+        const char *document, *files, *ending;
+    } subjects[] = {
+        {"src/ros/README.md", "msg/*.msg", ".msg"},
+        {"src/ros/README.md", "srv/*.srv", ".srv"},
+        {"src/ros/README.md", "src/ros/programs/*_main.cpp", "_main.cpp"},
+        {"launch/README.md", "launch/*.launch", ".launch"},
+        {"launch/README.md", "launch/materials/totalsegmentator*.yaml", ".yaml"},
+        {"src/programs/README.md", "src/programs/*_main.c", "_main.c"},
+        {"src/python/README.md", "src/examples/*.py", ".py"},
+    };
+    for (const auto &subject : subjects) {
+        const std::string text = read(root + subject.document);
+        glob_t files{};
+        ASSERT_EQ(glob((root + subject.files).c_str(), 0, nullptr, &files), 0) << subject.files;
+        for (size_t f = 0; f < files.gl_pathc; f++) {
+            const std::string path = files.gl_pathv[f];
+            const size_t from = path.rfind('/') + 1;
+            const std::string name = path.substr(from, path.size() - from - std::string(subject.ending).size());
+            if (name == "bag" || name == "node") continue; /* pliant_bag, pliant_node */
+            const std::regex word("\\b(?:pliant_)?" + name + "\\b");
+            EXPECT_TRUE(std::regex_search(text, word)) << subject.document << " lacks " << path;
+        }
+        globfree(&files);
+    }
 }
 
 TEST(Readme, ExamplesCanBeRead)
