@@ -104,8 +104,7 @@ TEST(VoxelError, ShiftBetweenTwoSolutionsIsTheErrorOfEveryVoxelOfTissue)
 TEST(VoxelError, IsTakenAtTheTissueThatAVoxelShows)
 {
     // The volume is moved by two voxels along x. The reference is stretched along y. So the error of a voxel grows with
-    // its
-    // y alone, in addition to the constant shift.
+    // its y alone, in addition to the constant shift.
     Body body(size, box, soft);
     body.cells(3, 3, 3, 1);
     body.fix_plane(1e-9, 0, 0, 1, 0, 0);

@@ -39,8 +39,7 @@ TEST(Homogenize, ElementsArePositiveSemidefinite)
 }
 
 // Condense fine tetrahedra or hexahedra to four or eight nodes. The result is K_cc - K_cf K_ff^-1 K_fc without fixed
-// nodes,
-// and the field has the energy of this matrix.
+// nodes, and the field has the energy of this matrix.
 TEST(Homogenize, CondensedIsTheSchurComplement)
 {
     Body body(size, box, {{5000, 0.45, 900, false}, {1e5, 0.3, 1800, false}}, [](int i, int j, int k) { return (i / 5 + j / 3 + k / 4) % 2; });

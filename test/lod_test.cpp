@@ -170,8 +170,7 @@ TEST_P(EveryKind, ErrorFallsWithTheReach)
 }
 
 // Homogeneous material under constant strain needs no correction. The corrections of the cubes around a node cancel,
-// except
-// for their tails. The test uses the middle node, because no shape function there reaches the boundary.
+// except for their tails. The test uses the middle node, because no shape function there reaches the boundary.
 TEST_P(EveryKind, PatchTestHoldsUpToTheTails)
 {
     Body body(size, box, {{5000, 0.4, 1000, false}});

@@ -110,8 +110,7 @@ TEST(Mixed, PicturesAndPointsOfAModelAgree)
 }
 
 // The skin of an abdominal CT with the built-in table, from the front and the sides. The mattress and table behind the
-// body
-// are as light as lung.
+// body are as light as lung.
 TEST(Mixed, TheSkinOfACtIsNoLung)
 {
     pliant_volume scan{};

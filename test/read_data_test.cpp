@@ -1,4 +1,4 @@
-/* Files of other programs, where the shared test data are at hand. DICOM: read_dicom_test.cpp. */
+/* Files of other programs, if the shared test data are available. DICOM: read_dicom_test.cpp. */
 #include "scan_files.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-/* DICOM folders: made here, and those of the shared data. */
+/* DICOM folders: synthetic ones, and folders of the shared test data. */
 #include "scan_files.h"
 
 #include <algorithm>
@@ -33,7 +33,7 @@ TEST(Dicom, ObliqueStackWithDescendingPositions)
 {
     temporary_folder folder;
     save_series(folder, 4, [](int n, dicom_file *file) {
-        /* rows along +y, columns along (0.6, 0, 0.8): the normal is (0.8, 0, -0.6) */
+        /* Rows along +y, columns along (0.6, 0, 0.8): the normal is (0.8, 0, -0.6). */
         file->orientation = "0\\1\\0\\0.6\\0\\0.8";
         char position[80];
         std::snprintf(position, sizeof position, "%.6f\\5\\%.6f", 100 - 3 * n * 0.8, 50 + 3 * n * 0.6);
@@ -330,8 +330,8 @@ TEST(DicomSharedData, Jpeg2000Abdomen)
     EXPECT_EQ(low, -1024);
     EXPECT_EQ(high, 1839);
 
-    /* the labels, drawn on the same scan, lie on the same grid seen from the other end of y; liver (5) is soft tissue
-     * there */
+    /* The labels were drawn on the same scan. They lie on its grid, seen from the other end of y. Liver (5) is soft
+     * tissue there. */
     pliant_labels labels = {};
     ASSERT_EQ(pliant_labels_read((path + "_labels.nii.gz").c_str(), 0, &labels), PLIANT_OK) << pliant_last_error();
     EXPECT_FALSE(pliant_geometry_equal(&labels.geometry, &scan->geometry));

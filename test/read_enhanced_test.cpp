@@ -1,4 +1,4 @@
-/* Multi-frame DICOM (enhanced CT and MR, legacy converted), made here byte by byte; and MONOCHROME1. */
+/* Synthetic multi-frame DICOM files (enhanced CT and MR, legacy converted), and MONOCHROME1. */
 #include "scan_files.h"
 
 #include <algorithm>
@@ -13,20 +13,21 @@ const char *const ENHANCED_CT = "1.2.840.10008.5.1.4.1.1.2.1", *const ENHANCED_M
 std::string words(std::initializer_list<uint32_t> values) { return bytes_of(std::vector<uint32_t>(values)); }
 
 struct frame {
-    std::string position, orientation, slope, intercept; /* "": said for all, or not at all */
+    std::string position, orientation, slope, intercept; /* "": in the shared group, or missing */
     std::vector<uint16_t> pixels = std::vector<uint16_t>(12, 0);
 };
 
-/* A multi-frame file. Sequences have lengths, or marks at their ends. */
+/* A multi-frame file. Its sequences have lengths or end delimiters. */
 struct enhanced_file {
     std::string syntax = EXPLICIT, uid = ENHANCED_CT, modality = "CT", series = "1.2.3.1", instance = "1.2.3.4.1";
     std::string photometric = "MONOCHROME2", number_of_frames;
     std::string orientation = "1\\0\\0\\0\\1\\0", spacing = "0.5\\0.75", slope, intercept;
-    bool marks = false, unknown = false; /* marks in place of lengths; groups of type UN, as programs write them that do not know them */
-    int fragments = 1;                   /* RLE: of a frame */
-    bool offsets = false;                /* RLE: a table of them */
+    /* end delimiters instead of lengths; groups of type UN, as from programs that do not know these groups */
+    bool marks = false, unknown = false;
+    int fragments = 1;                   /* RLE: fragments per frame */
+    bool offsets = false;                /* RLE: with an offset table */
     std::vector<frame> frames;
-    std::vector<std::string> images;     /* compressed by others, one a frame */
+    std::vector<std::string> images;     /* images from another encoder, one per frame */
     uint16_t rows = 3, columns = 4, bits_stored = 16, is_signed = 0;
 
     std::string element(uint32_t tag, const std::string &type, std::string value, bool implicit) const
@@ -63,11 +64,11 @@ struct enhanced_file {
     }
     static std::string run_length(const std::string &plane)
     {
-        std::string out("\x80", 1); /* means nothing */
+        std::string out("\x80", 1); /* a no-op in RLE */
         for (size_t at = 0; at < plane.size();) {
             size_t count = std::min(plane.find_first_not_of(plane[at], at), plane.size()) - at;
-            if (count > 1) out += {char(257 - count), plane[at]}; /* a byte several times */
-            else out += {char(0), plane[at]};                     /* one byte as it is */
+            if (count > 1) out += {char(257 - count), plane[at]}; /* a repeated byte */
+            else out += {char(0), plane[at]};                     /* a literal byte */
             at += count;
         }
         return out.size() % 2 ? out + '\0' : out;
@@ -123,7 +124,8 @@ struct enhanced_file {
     }
 };
 
-/* Frames 2 mm apart along z, in the order 2 0 3 1 in the file; the frame at place n holds 100 n, and 1024 + n in its second pixel. */
+/* Frames 2 mm apart along z, in the order 2 0 3 1 in the file. The frame at position n holds 100 n, and 1024 + n in its
+ * second pixel. */
 enhanced_file four_frames()
 {
     enhanced_file file;
@@ -211,7 +213,7 @@ TEST(Enhanced, WhatAFrameSaysGoesBeforeWhatAllShare)
 TEST(Enhanced, OneVolumeInSeveralFiles)
 {
     temporary_folder folder;
-    for (int half = 0; half < 2; half++) { /* a concatenation; and a file of one frame has functional groups, too */
+    for (int half = 0; half < 2; half++) { /* a concatenation; a file of one frame also has functional groups */
         enhanced_file file = four_frames();
         file.instance += std::to_string(half);
         if (half) file.frames = {file.frames[3]};
@@ -290,7 +292,7 @@ TEST(EnhancedRefused, EveryTruncation)
     }
 }
 
-/* Every byte of a header may be wrong: the file is read or refused, and holds no memory. */
+/* For any wrong byte of the header, the file is read or refused, and no memory leaks. */
 TEST(EnhancedRefused, EveryBrokenByte)
 {
     for (const char *syntax : {EXPLICIT, IMPLICIT, RLE}) {
@@ -317,7 +319,7 @@ TEST(EnhancedRefused, EveryBrokenByte)
     }
 }
 
-/* MONOCHROME1 is about the screen: Hounsfield units mean what they mean; intensities of an MR are turned round. */
+/* MONOCHROME1 is about the display: Hounsfield units stay unchanged, but intensities of an MR are inverted. */
 TEST(Monochrome1, TurnsIntensitiesRoundAndNoHounsfieldUnits)
 {
     temporary_folder folder;
@@ -343,7 +345,7 @@ TEST(Monochrome1, TurnsIntensitiesRoundAndNoHounsfieldUnits)
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"MONOCHROME1", "MONOCHROME2"});
 }
 
-/* Slices of a JPEG 2000 series as frames of one file: the same voxels. */
+/* Slices of a JPEG 2000 series as frames of one file give the same voxels. */
 TEST(EnhancedSharedData, Jpeg2000FramesAreThoseOfTheSeries)
 {
     const std::string series = PLIANT_TEST_DATA "/loader/dicom_jpeg2000_abdomen/CT.1.3.12.2.1107.5.1.4.60064.300000221208081134280000165";

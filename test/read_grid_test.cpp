@@ -1,4 +1,4 @@
-/* Grids of NIfTI, NRRD and MetaImage that headers describe in unusual ways, and numbers of label maps. */
+/* Unusual descriptions of grids in NIfTI, NRRD and MetaImage headers, and the values of label maps. */
 #include "scan_files.h"
 
 #include <cmath>
@@ -29,7 +29,7 @@ std::string labels_of(const std::string &path, std::vector<uint16_t> *out)
 
 } // namespace
 
-/* A good sform has the spacing. The sign of pixdim means nothing, and pixdim may be no length. */
+/* A valid sform has the spacing of the grid. The sign of pixdim has no meaning, and pixdim may be no length. */
 TEST(NiftiGrid, TakesTheSpacingOfAGoodSform)
 {
     temporary_folder folder;
@@ -123,7 +123,7 @@ TEST(NrrdGrid, AxisMinsPlaceTheFirstVoxel)
     expect_refused(folder / "scan.nrrd", PLIANT_ERROR_FORMAT, {"axismins", "3 numbers"});
 }
 
-/* The unit holds for all lengths: spacing and offset. */
+/* The unit applies to all lengths: spacing and offset. */
 TEST(MetaImageGrid, DistanceUnitsHoldForTheOffsetToo)
 {
     temporary_folder folder;
@@ -163,7 +163,7 @@ TEST(FilesOfManyParts, AreRefusedWithARemedy)
     expect_refused(folder / "text.nrrd", PLIANT_ERROR_FORMAT, {"encoding: ascii", "raw and gzip are", "unu save"});
 }
 
-/* Labels that were stored with a slope are whole numbers but for rounding. */
+/* Labels that were stored with a slope are whole numbers, up to rounding. */
 TEST(LabelNumbers, WithinAThousandthOfAWholeNumber)
 {
     temporary_folder folder;
@@ -238,12 +238,12 @@ TEST(LabelNumbers, NamesOfClassesInNifti)
         EXPECT_STREQ(labels.segments[0].name, "liver");
         if (!cut) EXPECT_STREQ(labels.segments[1].name, "stomach");
         pliant_labels_free(&labels);
-        volume_holder scan; /* a scan may have one, too */
+        volume_holder scan; /* a scan may also have such an extension */
         EXPECT_EQ(pliant_volume_read((folder / "labels.nii").c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
     }
     std::mt19937 random(3);
     const size_t in_use = pliant_memory_in_use();
-    for (int mutant = 0; mutant < 300; mutant++) { /* damaged names are read or refused, and nothing leaks */
+    for (int mutant = 0; mutant < 300; mutant++) { /* damaged names are read or refused, and no memory leaks */
         std::string broken = bytes;
         for (int n = 0; n < 1 + mutant % 5; n++) broken[348 + random() % (broken.size() - 348)] = char(random());
         save(folder / "labels.nii", broken);

@@ -13,7 +13,7 @@ struct labels_holder {
     pliant_labels *operator&() { return &labels; }
 };
 
-/* Reading labels fails with this status and these words; the output is as it was, nothing leaks. */
+/* Expect that reading labels fails with this status and these words. The output is unchanged, and no memory leaks. */
 void expect_no_labels(const std::string &path, const std::string &bytes, const std::vector<std::string> &words)
 {
     pliant_labels labels, before;
@@ -93,7 +93,8 @@ TEST(SegNrrd, LayersAndNames)
     }
 }
 
-/* One layer: labels keep their values. Files of Slicer 4.10 have a layer for every segment and neither value nor layer. */
+/* One layer: labels keep their values. Files of Slicer 4.10 have a layer for every segment and neither value nor
+ * layer. */
 TEST(SegNrrd, ValuesAndOldFiles)
 {
     temporary_folder folder;
@@ -170,7 +171,7 @@ dicom_seg_file two_segments()
     file.segments = {{1, "Liver", "Liver", {65535, 32896, 32896}}, {3, "lesion", "Mass", {}}};
     file.add_frame(3, 3, {1, 2});
     file.add_frame(1, 0, {0, 1, 14});
-    file.add_frame(1, 3, {2, 3}); /* slices 1 and 2 hold nothing */
+    file.add_frame(1, 3, {2, 3}); /* slices 1 and 2 are empty */
     return file;
 }
 
@@ -224,7 +225,7 @@ TEST(DicomSeg, FramesOfSegments)
     expect_words(pliant_last_error(), {"several DICOM segmentations", "more.dcm", "seg.dcm"});
 }
 
-/* Images of one bit, as highdicom stores them; encoded by OpenJPEG 2.5. */
+/* Images of one bit, as highdicom stores them, encoded by OpenJPEG 2.5. */
 TEST(DicomSeg, BitsAsJpeg2000)
 {
     temporary_folder folder;
@@ -330,7 +331,7 @@ TEST(DicomSegRefused, NamesTheFieldAndTheRemedy)
     expect_words(pliant_last_error(), {path, "RTSTRUCT", "3D Slicer", "plastimatch convert --input"});
 }
 
-/* --- masks, one a file --- */
+/* --- masks, one per file --- */
 
 TEST(Masks, OfAFolderAreSegments)
 {
@@ -358,7 +359,7 @@ TEST(Masks, OfAFolderAreSegments)
         EXPECT_STREQ(map->segments[0].name, "liver");
         EXPECT_STREQ(map->segments[2].name, "stomach");
         expect_words(log.warnings(), {"spleen over liver in 1"});
-        for (int call = 0;; call++) { /* every allocation may fail */
+        for (int call = 0;; call++) { /* each allocation fails once */
             ASSERT_LT(call, 20);
             const size_t in_use = pliant_memory_in_use();
             labels_holder other;
@@ -392,7 +393,8 @@ TEST(Masks, OfAFolderAreSegments)
     expect_no_map({"a.seg.nrrd", "no mask of one segment", "name this file"});
 }
 
-/* Damaged files are read or refused, but they neither crash nor keep memory: every truncation, and 300 files with a few wrong bytes. */
+/* Damaged files are read or refused, but they neither crash nor leak memory: every truncation, and 300 files with a few
+ * wrong bytes. */
 TEST(SegmentationsRefused, TruncationsAndMutants)
 {
     temporary_folder folder;

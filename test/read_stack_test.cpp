@@ -1,4 +1,4 @@
-/* DICOM series as scanners and archives leave them: with strays, rounded places, padding, elements that are missing. */
+/* Real-world DICOM series: with stray images, rounded positions, padding and missing elements. */
 #include "scan_files.h"
 
 #include <cmath>
@@ -115,12 +115,12 @@ TEST(Stack, WithoutALargerPartIsRefusedByName)
         if (n % 2) f->orientation = "0\\1\\0\\0\\0\\-1";
     });
     expect_refused(folder.path(), PLIANT_ERROR_FORMAT, {"several sizes or orientations", "to another folder", "im7_1"});
-    temporary_folder scouts; /* a series of scouts is a stack like any other */
+    temporary_folder scouts; /* a series of scouts is a valid stack */
     save_series(scouts, 5, [](int, dicom_file *f) { f->image_type = "ORIGINAL\\PRIMARY\\LOCALIZER"; });
     expect_five_slices(scouts, {});
 }
 
-/* A slice that was left out leaves a gap: the refusal names both. */
+/* A missing slice leaves a gap. The refusal names both neighbours. */
 TEST(Stack, AGapNamesWhatWasLeftOut)
 {
     temporary_folder folder;
@@ -195,7 +195,7 @@ TEST(StackRefused, PlacesThatAreNotEven)
     }
 }
 
-/* Without TransferSyntaxUID elements have types if the first one has. */
+/* Without TransferSyntaxUID, all elements have types if the first one has a type. */
 TEST(Stack, WithoutATransferSyntax)
 {
     for (int variant = 0; variant < 8; variant++) {
@@ -209,7 +209,7 @@ TEST(Stack, WithoutATransferSyntax)
         });
         expect_five_slices(folder, {});
     }
-    temporary_folder folder; /* the group in front may be there alone */
+    temporary_folder folder; /* the file meta group may be present alone */
     save_series(folder, 5, [&](int, dicom_file *f) { f->has_preamble = false; });
     expect_five_slices(folder, {});
 }
@@ -323,7 +323,7 @@ TEST(Rescale, ACtWithoutItIsWarnedOfAndNoCtForTheBuiltInTable)
     EXPECT_EQ(pliant_material_default_check(&scan.volume), PLIANT_ERROR_MATERIAL);
     EXPECT_NE(std::strstr(pliant_last_error(), "RescaleIntercept"), nullptr) << pliant_last_error();
 
-    /* padding far below zero does not pass for air */
+    /* padding far below zero is not air */
     save_series(folder, 3, [&](int n, dicom_file *f) {
         change(n, f);
         f->is_signed = 1;
@@ -370,7 +370,7 @@ TEST(Objects, AreRefusedByNameWithARemedy)
     }
 }
 
-/* Archives keep dose reports and segmentations in series of their own. */
+/* Archives keep dose reports and segmentations in separate series. */
 TEST(Stack, SeriesOfPicturesNeedNoChoice)
 {
     temporary_folder folder;

@@ -1,4 +1,5 @@
-/* NIfTI, MetaImage and NRRD files made here. Those of others: read_data_test.cpp; DICOM: read_dicom_test.cpp. */
+/* Synthetic NIfTI, MetaImage and NRRD files. Files of other programs: read_data_test.cpp. DICOM:
+ * read_dicom_test.cpp. */
 #include "scan_files.h"
 
 #include <cmath>
@@ -31,7 +32,7 @@ std::string nrrd(const std::string &sizes = "4 3 2", const std::string &directio
 
 } // namespace
 
-/* --- what must be read --- */
+/* --- files that must be read --- */
 
 TEST(Modality, IsWhatTheHeaderTells)
 {
@@ -226,7 +227,7 @@ TEST(Nifti, AnSformThatCannotBeFollowedIsTold)
 
 TEST(Nifti, FarFromTheOriginIsAValidSform)
 {
-    /* ITK 5 refuses this one: "No orthonormal definition found" */
+    /* ITK 5 refuses this file: "No orthonormal definition found" */
     temporary_folder folder;
     nifti_file file;
     const float c = std::cos(0.1f), s = std::sin(0.1f);
@@ -383,7 +384,7 @@ TEST(Labels, WholeNumbersUpTo65535)
     EXPECT_EQ(labels.voxels, nullptr);
 }
 
-/* --- what must be refused --- */
+/* --- files that must be refused --- */
 
 TEST(Refused, MissingEmptyAndUnknown)
 {
@@ -417,7 +418,7 @@ TEST(Refused, EveryTruncation)
         ASSERT_EQ(pliant_volume_read((folder / one.name).c_str(), nullptr, 0, &scan), PLIANT_OK) << pliant_last_error();
         for (size_t length = 0; length < one.bytes.size(); length++) {
             save(folder / one.name, one.bytes.substr(0, length));
-            /* a header cut within "LOCAL" names another data file */
+            /* a header truncated within "LOCAL" names another data file */
             bool other_file = length > one.bytes.find("LOCAL") && length < one.bytes.find("LOCAL") + 5;
             if (other_file) expect_refused(folder / one.name, PLIANT_ERROR_FILE, {"No such file"});
             else expect_refused(folder / one.name, PLIANT_ERROR_FORMAT, {one.name});
@@ -438,7 +439,7 @@ TEST(Refused, EveryTruncationOfCompressedData)
         save(folder / "cut.nii.gz", bytes.substr(0, length));
         expect_refused(folder / "cut.nii.gz", PLIANT_ERROR_FORMAT, {"cut.nii.gz"});
     }
-    /* one byte damaged in the data: the checksum tells */
+    /* The checksum detects one wrong byte in the data. */
     std::string damaged = bytes;
     damaged[bytes.size() / 2] = char(damaged[bytes.size() / 2] ^ 0x10);
     save(folder / "damaged.nii.gz", damaged);
@@ -469,7 +470,7 @@ TEST(Refused, HeadersThatAskForMoreThanTheFileHolds)
 TEST(Refused, MoreThanTheMemoryThatThereIs)
 {
     temporary_folder folder;
-    /* a sparse file that is as long as its header says: 60000 x 60000 x 60000 is not */
+    /* The sparse file has the length of its header. 60000 x 60000 x 60000 voxels would be too long. */
     std::string header = metaimage("", "60000 60000 30000", "MET_UCHAR", "1 1 1", "");
     save(folder / "sparse.mha", header);
     if (truncate((folder / "sparse.mha").c_str(), off_t(108000000000000 + header.size())) == 0)

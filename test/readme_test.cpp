@@ -61,7 +61,7 @@ std::string read(const std::string &path)
     return stream.str();
 }
 
-/* Lines outside of code blocks. */
+/* Return the lines outside of code blocks. */
 std::vector<std::string> text_lines(const std::string &document)
 {
     std::vector<std::string> out;
@@ -74,7 +74,7 @@ std::vector<std::string> text_lines(const std::string &document)
     return out;
 }
 
-/* Code blocks of a language. */
+/* Return the code blocks of a language. */
 std::vector<std::string> code_blocks(const std::string &document, const std::string &language)
 {
     std::vector<std::string> out;
@@ -91,7 +91,7 @@ std::vector<std::string> code_blocks(const std::string &document, const std::str
     return out;
 }
 
-/* Names by which links reach headings: lower case, blanks become hyphens, other marks vanish. */
+/* Return the link names of headings: lower case, hyphens for spaces, no other punctuation. */
 std::set<std::string> anchors(const std::string &document)
 {
     std::set<std::string> out;
@@ -203,7 +203,7 @@ TEST(Readme, LinksLeadToFilesAndHeadings)
     EXPECT_GT(count, 20);
 }
 
-/* Return the source of a test or benchmark program; empty: there is none. */
+/* Return the source text of a test or benchmark program, or "" without such a program. */
 std::string source_of(const std::string &program)
 {
     for (const char *folder : {"test/", "test/pipeline/", "test/bench/", "test/ros/"})
@@ -217,7 +217,7 @@ bool has_test(const std::string &source, const std::string &filter)
     static const std::regex name("\\bTEST(?:_[FP])?\\((\\w+), (\\w+)\\)");
     for (std::sregex_iterator found(source.begin(), source.end(), name), none; found != none; ++found) {
         const std::string whole = (*found)[1].str() + "." + (*found)[2].str();
-        for (const std::string &run : {whole, "Instance/" + whole + "/0"}) /* of TEST and of TEST_P */
+        for (const std::string &run : {whole, "Instance/" + whole + "/0"}) /* of TEST, and of TEST_P */
             if (fnmatch(filter.c_str(), run.c_str(), 0) == 0) return true;
     }
     return false;
@@ -241,7 +241,7 @@ TEST(Readme, ProgramsThatFiguresNameExist)
     EXPECT_GT(filters, 20);
 }
 
-/* `sim/step/step.c` and the like may begin in the top folder, in src, in launch, or in the document's folder. */
+/* A path such as `sim/step/step.c` is relative to one of several folders, among them the document's folder. */
 TEST(Readme, NamedFilesExist)
 {
     const std::regex file("[`( ]([A-Za-z_0-9]+/[A-Za-z_0-9/.]+\\.(?:c|h|cpp|cu|py|yaml|launch|msg|srv|md|rviz))"

@@ -1,4 +1,4 @@
-// Pictures and radiographs against balls and boxes that are known exactly, and of tissue that is moved as a whole.
+// Pictures and radiographs of exact balls and boxes, and of tissue under rigid motion.
 #include "pliant/memory.h"
 #include "pliant/pliant.h"
 #include "warp_cases.h"
@@ -48,7 +48,7 @@ pliant_camera camera_at(int32_t width, int32_t height, double view, const vector
     return camera;
 }
 
-// a pixel's ray in LPS, a metre along z
+// Return the ray of a pixel in LPS, one metre along z.
 vector3 ray_of(const pliant_camera &camera, int column, int row)
 {
     const double c[3] = {(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, 1};
@@ -79,7 +79,7 @@ pliant_style style_of(const pliant_volume &volume, float threshold)
 
 TEST(Render, BallHasItsOutlineDepthAndLabels)
 {
-    // oblique, mirrored, of three spacings; half of the ball is of another tissue
+    // An oblique, mirrored grid of three spacings. Half of the ball is another tissue.
     pliant_geometry geometry = {{60, 48, 40}, {0, 0, 0}, {0.001, 0.00125, 0.0015}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     warp_cases::turn(geometry, 0.7, true);
     vector3 centre, split = {0.6, 0, 0.8};
@@ -101,7 +101,7 @@ TEST(Render, BallHasItsOutlineDepthAndLabels)
             const double a = ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2], b = ray[0] * from[0] + ray[1] * from[1] + ray[2] * from[2];
             const double under = b * b - a * (length(from) * length(from) - radius * radius), depth = (-b - std::sqrt(under)) / a;
             const double beside = std::sqrt(std::max(length(from) * length(from) - b * b / a, 0.0)) - radius;
-            if (std::abs(beside) < 0.0001) { // of a tenth of a voxel nothing is said
+            if (std::abs(beside) < 0.0001) { // closer than a tenth of a voxel: either result is valid
                 outline++;
                 continue;
             }
@@ -112,7 +112,8 @@ TEST(Render, BallHasItsOutlineDepthAndLabels)
                 continue;
             }
             inside++;
-            // chords of a ball across voxels: at most h^2 / 8 R deeper, and along a ray that grazes more
+            // Trilinear interpolation of a ball cuts chords: the depth grows by at most h^2 / 8 R, and more for a
+            // grazing ray.
             EXPECT_NEAR(seen.depth[pixel], depth, 3e-5 / std::max(std::sqrt(under) / (std::sqrt(a) * radius), 0.05)) << column << " " << row;
             const vector3 hit = {camera.pose[3] + depth * ray[0], camera.pose[7] + depth * ray[1], camera.pose[11] + depth * ray[2]};
             if (std::abs(side(hit)) > 0.002) EXPECT_EQ(seen.label[pixel], side(hit) > 0 ? 3 : 7) << column << " " << row;
@@ -154,7 +155,7 @@ TEST(Render, WhatIsNearerThanNearIsCutAndShowsTheScan)
     Picture seen(camera);
     ASSERT_EQ(pliant_render(scan.get(), nullptr, &camera, &style, 1, &seen.image), PLIANT_OK) << pliant_last_error();
     for (int column : {0, 20}) {
-        const size_t pixel = 10 * 21 + size_t(column); // looking back, the patient's left is on the right
+        const size_t pixel = 10 * 21 + size_t(column); // a view from the front: the patient's left is on the right
         EXPECT_NEAR(seen.depth[pixel], 0.095, 1e-7);
         EXPECT_EQ(seen.rgb[3 * pixel], column == 20 ? 255 : 0);
         EXPECT_EQ(seen.rgb[3 * pixel + 2], column == 20 ? 0 : 255);
@@ -181,12 +182,13 @@ TEST(Render, ThreadsDrawTheSameBits)
 TEST(Radiograph, BoxAndBallOfWater)
 {
     const double h = 0.002, half = 0.02 - 0.5 * h, radius = 0.03;
-    // whose outermost voxels, 19 each way from the middle, end half a voxel further out
+    // The outermost voxels, 19 from the middle, end half a voxel further out.
     const volume_ptr box = volume_of(cube(61, h), PLIANT_INT16, [&](const vector3 &x) {
         return std::max({std::abs(x[0]), std::abs(x[1]), std::abs(x[2])}) < half - 0.5 * h + 1e-9 ? 0 : -1000;
     });
     const volume_ptr ball = volume_of(cube(61, h), PLIANT_FLOAT32, [&](const vector3 &x) {
-        return -1000 + 1500 * std::min(std::max((radius - length(x)) / h + 0.5, 0.0), 1.0); // denser than water by half
+        // 1.5 times the density of water
+        return -1000 + 1500 * std::min(std::max((radius - length(x)) / h + 0.5, 0.0), 1.0);
     });
     pliant_c_arm arm = {{0, 0, 0}, 0.8, 1.2, 0, 0, 41, 41, 0.003};
     for (double primary : {0.0, 0.5, -1.1})
@@ -198,7 +200,7 @@ TEST(Radiograph, BoxAndBallOfWater)
             std::vector<float> of_box(41 * 41), of_ball(41 * 41);
             ASSERT_EQ(pliant_radiograph(box.get(), &camera, 20, 2, of_box.data()), PLIANT_OK) << pliant_last_error();
             ASSERT_EQ(pliant_radiograph(ball.get(), &camera, 20, 2, of_ball.data()), PLIANT_OK);
-            // the middle ray leaves the box by the face that it looks at most squarely
+            // the central ray leaves the box through the face that is most perpendicular to it
             const vector3 ray = ray_of(camera, 20, 20);
             const double most = std::max({std::abs(ray[0]), std::abs(ray[1]), std::abs(ray[2])}) / length(ray), edge = half;
             EXPECT_NEAR(of_box[20 * 41 + 20], 20 * 2 * edge / most, 0.005) << primary << " " << secondary;
@@ -211,7 +213,7 @@ TEST(Radiograph, BoxAndBallOfWater)
         }
 }
 
-// A slab of water, wider than the cone of rays: each ray passes through thickness / cos, whatever the slice spacing.
+// A slab of water, wider than the cone of rays: each ray passes through thickness / cos, for any slice spacing.
 TEST(Radiograph, ASlabIsAsLongAsTheRayIsOblique)
 {
     const double thickness = 0.04, water = 20;
@@ -251,12 +253,12 @@ TEST(Radiograph, LeftIsOnTheRightAndTheHeadUp)
         const int at = int(std::max_element(image.begin(), image.end()) - image.begin());
         return std::array<int, 2>{at % 81 - 40, at / 81 - 40};
     };
-    // nearer to the source than the isocentre by 1 cm: magnified by 1.2 / 0.79
+    // 1 cm nearer to the source than the isocentre: magnified by 1.2 / 0.79
     EXPECT_NEAR(brightest(0, 0)[0], 20 * 1.2 / 0.79, 1.5);
     EXPECT_NEAR(brightest(0, 0)[1], -15 * 1.2 / 0.79, 1.5);
-    // the detector at the patient's left: what lies behind is on its right
+    // The detector is at the patient's left: posterior is on the right of the image.
     EXPECT_NEAR(brightest(pi / 2, 0)[0], 10 * 1.2 / 0.82, 1.5);
-    // the detector above the patient's head: what lies behind is up
+    // The detector is above the patient's head: posterior is up.
     EXPECT_LT(brightest(0, pi / 2 - 0.01)[1], 0);
 }
 
@@ -279,7 +281,7 @@ TEST(Render, LightOnAPlaneFollowsItsNormalWhateverTheSpacing)
 {
     const pliant_geometry geometry = {
         {41, 33, 17}, {-0.02, -0.024, -0.024}, {0.001, 0.0015, 0.003}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    const double n[3] = {0.36, 0.8, 0.48}; // unit normal into the tissue, whose value rises along it
+    const double n[3] = {0.36, 0.8, 0.48}; // unit normal into the tissue, in the direction of increasing values
     auto along_normal = [&](const vector3 &x) { return n[0] * x[0] + n[1] * x[1] + n[2] * x[2]; };
     auto rises = [&](const vector3 &x) { return 1e4 * along_normal(x); };
     const volume_ptr scan = volume_of(geometry, PLIANT_FLOAT32, rises);
@@ -370,7 +372,7 @@ TEST(Labels, AreThoseOfTheNearestVoxel)
 
 namespace {
 
-// a ball of tissue that fades out around it, with a harder kernel
+// A ball of tissue that fades out, with a harder kernel.
 struct Tissue {
     volume_ptr scan;
     pliant_scene scene;
@@ -401,7 +403,7 @@ struct Tissue {
     }
 };
 
-// of every node the least one that it hangs together with
+// Return the lowest node number of each node's connected component.
 std::vector<int32_t> parts_of(const pliant_mesh &mesh)
 {
     std::vector<int32_t> part(mesh.num_nodes);
@@ -444,7 +446,7 @@ TEST(View, TissueThatIsMovedAsAWholeIsACameraThatIsMovedTheOtherWay)
         Picture rest(camera), moved(camera);
         pliant_style style = style_of(*tissue.scan, 350);
         style.by_label = by_label;
-        if (by_label) style.shown[2] = 0; // the kernel alone
+        if (by_label) style.shown[2] = 0; // only the kernel
         ASSERT_EQ(pliant_view_set(view, body, body->fine.rest, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_view_render(view, &camera, &style, &rest.image), PLIANT_OK) << pliant_last_error();
         ASSERT_EQ(pliant_view_set(view, body, x.data(), nullptr), PLIANT_OK);
@@ -461,11 +463,12 @@ TEST(View, TissueThatIsMovedAsAWholeIsACameraThatIsMovedTheOtherWay)
             EXPECT_EQ(rest.label[pixel], by_label ? 3 : 2);
         }
         EXPECT_GT(both, by_label ? 90 : 700);
-        // labels begin a voxel further out or in: of a ball's outline 2 h / R, and its depth more where it is grazed
+        // Labels begin up to a voxel further out or in. This changes a ball's outline by 2 h / R, and the depth by more
+        // at grazing rays.
         EXPECT_LT(one, both / (by_label ? 6 : 25)) << by_label;
         EXPECT_LT(far, both / (by_label ? 10 : 50)) << by_label;
         EXPECT_EQ(other, 0) << by_label;
-        EXPECT_LT(darker, both / 10) << by_label; // where it is grazed, light falls off within a fraction of a voxel
+        EXPECT_LT(darker, both / 10) << by_label; // at grazing rays, the light falls off within a fraction of a voxel
     }
     pliant_view_free(view);
 }
@@ -476,7 +479,7 @@ TEST(View, AnotherChoiceOfTissuesIsSeenAtOnce)
     const pliant_camera camera = camera_at(64, 48, 0.5, {0.02, -0.11, 0.04}, {0, 0, 0});
     pliant_style soft = style_of(*tissue.scan, 350), hard = soft;
     soft.by_label = hard.by_label = true;
-    hard.shown[2] = 0; // the kernel alone
+    hard.shown[2] = 0; // only the kernel
     pliant_view *view = nullptr, *fresh = nullptr;
     ASSERT_EQ(pliant_view_create(tissue.model, nullptr, &view), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_view_create(tissue.model, nullptr, &fresh), PLIANT_OK) << pliant_last_error();
@@ -515,7 +518,7 @@ TEST(View, FollowsACutAndSeesWhatAnotherHasDrawn)
     ASSERT_EQ(pliant_view_render(view, &camera, &style, &whole.image), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_view_set(view, body, x.data(), nullptr), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_view_render(view, &camera, &style, &own.image), PLIANT_OK) << pliant_last_error();
-    // between the two parts one looks through
+    // The view between the two parts is free.
     const size_t middle = size_t(std::lrint(camera.cy - camera.fy * 0.0065 / 0.12)) * 64 + 32;
     EXPECT_TRUE(std::isfinite(whole.depth[middle]));
     EXPECT_TRUE(std::isnan(own.depth[middle]));

@@ -1,4 +1,4 @@
-// The program pliant_report as a user meets it.
+// Tests of the program pliant_report from a user's view.
 #include "program.h"
 
 #include <cstdlib>
@@ -50,11 +50,11 @@ TEST_F(Report, WritesTablesThatAreReadBack)
         for (const char *name : {"tradeoff.png", "histogram.png", "stages.png", "stability.png", "error_gravity_2.png"})
             EXPECT_EQ(access(in(std::string("result/") + name).c_str(), F_OK), 0) << name;
     }
-    // a second run has nothing to do
+    // a second run adds nothing
     std::string table = text(in("result/sweep.csv"));
     ASSERT_EQ(run(small_ + "--sweep --no-pictures --out " + in("result")), 0) << err_;
     EXPECT_EQ(text(in("result/sweep.csv")), table);
-    // nor have its parts anything else to tell
+    // The shards of a sweep, merged, give the same results.
     for (const char *part : {"1", "2"})
         ASSERT_EQ(run(small_ + "--budgets 2 --sweep --no-pictures --no-warp --shard " + part + "/2 --out " + in(part)), 0) << err_;
     ASSERT_EQ(run("--merge " + in("1") + " --merge " + in("2") + " --no-pictures --out " + in("result/merged")), 0) << err_;
@@ -66,7 +66,7 @@ TEST_F(Report, WritesTablesThatAreReadBack)
     EXPECT_EQ(run(small_ + "--sweep --shard 3/2 --out " + in("result")), 2);
 }
 
-// the mesh's own error beside the solver's
+// The report compares the error of the mesh with the error of the solver.
 TEST_F(Report, TellsWhetherTheMeshOrTheSolverIsFartherOff)
 {
     const std::string asked = "--scan phantom:48x40x40 --set 'mesh/coarse_cells=5 4 4' --set solver/threads=1 --frames 3 --truth --out " + in("result");

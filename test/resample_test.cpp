@@ -15,7 +15,7 @@ pliant_geometry flipped()
     return {{6, 5, 8}, {0.1, -0.2, 0.3}, {0.001, 0.002, 0.003}, {-1, 0, 0, 0, 0, 1, 0, 1, 0}};
 }
 
-/* the linear function of position that trilinear interpolation must reproduce */
+/* The linear function of position that trilinear interpolation must reproduce. */
 double ramp(const double p[3]) { return 100000.0 * p[0] - 50000.0 * p[1] + 20000.0 * p[2] - 700.0; }
 
 void fill_ramp(pliant_volume *volume)
@@ -144,7 +144,8 @@ TEST(Resample, LabelsStayLabels)
     pliant_labels_free(&fine);
 }
 
-/* every order and direction of the axes, an oblique grid: each voxel keeps its place in the world and its value */
+/* Every order and direction of the axes, and an oblique grid: each voxel keeps its position in the world and its
+ * value. */
 
 TEST(Resample, RefusesEmptySizesAndSurvivesMissingMemory)
 {

@@ -1,4 +1,4 @@
-// The fine mesh's response to a footprint's force, and the basis made of it.
+// The response of the fine mesh to the force on a footprint, and the basis of these responses.
 #include "pipeline/body.h"
 
 #include "fem/patch/patch.h"
@@ -59,7 +59,7 @@ double norm(const std::vector<double> &v)
     return std::sqrt(sum);
 }
 
-// forces at  z l t + 1/2 psi l l t^2  are those of the load, but for the third order of t
+// The forces at  z l t + 1/2 psi l l t^2  equal the load, up to the third order of t.
 TEST_F(Response, BalancesTheLoadToSecondOrder)
 {
     const std::vector<double> x = rest(), modes = modes_at(x);
@@ -87,13 +87,13 @@ TEST_F(Response, BalancesTheLoadToSecondOrder)
     EXPECT_NEAR(left[0] / left[1], 8, 1);
 }
 
-// the same at a body that was turned as a whole: the response turns with it
+// In a rotated body, the response rotates with the body.
 TEST_F(Response, TurnsWithTheBody)
 {
     const double angle = 0.3, c = std::cos(angle), s = std::sin(angle);
     const double turn[9] = {c, -s, 0, s, c, 0, 0, 0, 1}, shift[3] = {0.02, -0.01, 0.005};
     const std::vector<double> before = modes_at(rest()), after = modes_at(affine(body.model->body->fine, turn, shift));
-    // z of the turned body for e_0 is turned z for turn' e_0 = (c, -s, 0)
+    // The response z of the rotated body to e_0 is the rotated response to turn' e_0 = (c, -s, 0).
     std::vector<double> expected(unknowns), difference(unknowns);
     for (size_t f = 0; f < unknowns; f += 3)
         for (size_t r = 0; r < 3; r++) {
@@ -126,7 +126,8 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
         for (size_t i = 0; i < count; i++) sum += a[i] * b[i];
         return sum;
     };
-    // a small displacement E q: forces of the near part and of what lies beyond, projected, are those of the whole mesh
+    // For a small displacement E q, the projected forces of the near part and of the far part equal the forces of the
+    // whole mesh.
     std::vector<double> near(x.size()), small(3 * static_cast<size_t>(basis->mesh.num_nodes)), forces(n);
     std::vector<double> whole(unknowns), product(unknowns), room(unknowns);
     for (int m = 0; m < basis->num_modes; m++)
@@ -147,7 +148,7 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
         double expected = dot(unknowns, basis->whole + unknowns * m, product.data());
         EXPECT_NEAR(dot(n, basis->modes + n * m, forces.data()), expected, 1e-4 * std::fabs(expected)) << m;
     }
-    // the fine positions of such a state are those of the modes on the whole mesh
+    // The fine positions of such a state are the positions of the modes on the whole mesh.
     pliant_basis_positions(basis, fine, x.data(), small.data(), near.data());
     double apart = 0;
     for (size_t f = 0; f < unknowns / 3; f++)
@@ -156,7 +157,8 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
             apart = std::fmax(apart, std::fabs(near[at] - x[at] - whole[3 * f + d]));
         }
     EXPECT_LT(apart, 1e-12);
-    // a state of the basis stays what it is; any other becomes one, which then stays
+    // The projection keeps a state of the basis. It maps any other state into the basis, and a second projection keeps
+    // the result.
     std::vector<double> state = small, other = small;
     pliant_basis_project(basis, state.data());
     for (size_t i = 0; i < small.size(); i++) EXPECT_NEAR(state[i], small[i], 1e-15) << i;
@@ -177,7 +179,7 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
             size_t at = 3 * static_cast<size_t>(basis->system.node_of_free[basis->own[o]]) + d;
             EXPECT_EQ(other[at], rough[at]);
         }
-    // what stands for the inverse is symmetric, and positive
+    // The approximate inverse is symmetric and positive definite.
     std::vector<double> a(n), b(n), inverse_a(n), inverse_b(n);
     for (size_t i = 0; i < n; i++) {
         a[i] = std::sin(0.7 * double(i));
@@ -206,7 +208,7 @@ TEST_F(Response, SpaceHasTheStiffnessOfTheWholeMesh)
     pliant_linearized_free(&linearized);
 }
 
-// what is foretold of a patch, before it is made, is enough for the numbers of one that holds most of the body, and not far too much
+// The cost prediction of a patch bounds the cost of a patch that contains most of the body, within a factor of 10.
 TEST_F(Response, WhatASpaceTakesIsForetold)
 {
     const double radius = 0.15;

@@ -1,4 +1,4 @@
-// Tables that survive a stop.
+// Tables are complete on disk after an interruption.
 #include "pliant/report.h"
 
 #include <cstdio>
@@ -42,7 +42,7 @@ TEST_F(Results, ComeBackAsTheyWereWritten)
     ASSERT_EQ(pliant_results_add(table, row_), PLIANT_OK);
     EXPECT_TRUE(pliant_results_has(table, row_));
     EXPECT_FALSE(pliant_results_has(table, second_));
-    // on disk at once
+    // written to disk at once
     EXPECT_EQ(text(path_), "setup,name,value,message\na,\"with, comma\",1.5,\"says \"\"no\"\"\"\n");
     pliant_results_close(table);
     ASSERT_EQ(open(&table), PLIANT_OK);

@@ -9,7 +9,7 @@ namespace {
 
 using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-// U V' of Eigen's singular values with the sign on the smallest: an independent way to the same rotation
+// Reference: U V' of Eigen's singular value decomposition, with the sign on the smallest singular value.
 Matrix reference(const Matrix &f)
 {
     Eigen::JacobiSVD<Eigen::Matrix3d> svd(f, Eigen::ComputeFullU | Eigen::ComputeFullV);
@@ -29,7 +29,8 @@ Matrix lanes(const Matrix &f, int lane)
 {
     double in[9][LANES], out[9][LANES];
     for (int m = 0; m < 9; m++)
-        for (int l = 0; l < LANES; l++) in[m][l] = l == lane ? f.data()[m] : (m % 4 == 0) * (1 + 0.1 * l); // others differ
+        // other values in the other lanes
+        for (int l = 0; l < LANES; l++) in[m][l] = l == lane ? f.data()[m] : (m % 4 == 0) * (1 + 0.1 * l);
     pliant_rotations(in, out);
     Matrix r;
     for (int m = 0; m < 9; m++) r.data()[m] = out[m][lane];
@@ -44,7 +45,8 @@ TEST(Rotation, AgreesWithSingularValues)
         Matrix f;
         for (int m = 0; m < 9; m++) f.data()[m] = normal(random);
         Eigen::Vector3d s = Eigen::JacobiSVD<Eigen::Matrix3d>(f).singularValues();
-        if (f.determinant() < 0 ? s[1] - s[2] < 0.05 * s[0] : s[2] < 1e-3 * s[0]) continue; // no unique answer near there
+        // the rotation is not unique there
+        if (f.determinant() < 0 ? s[1] - s[2] < 0.05 * s[0] : s[2] < 1e-3 * s[0]) continue;
         EXPECT_LT((one(f) - reference(f)).norm(), 1e-8) << f;
         EXPECT_LT((lanes(f, n % LANES) - reference(f)).norm(), 1e-8) << f;
     }
@@ -57,7 +59,8 @@ TEST(Rotation, RestIsExact)
 
 TEST(Rotation, ContinuousThroughTheFlatState)
 {
-    // squeeze along z through zero and beyond: the rotation stays the identity, so the element pushes back (src/fem/element/NUMERICS.md)
+    // Compress along z through zero. The rotation stays the identity, so the element pushes back
+    // (src/fem/element/NUMERICS.md).
     for (double z : {1.0, 1e-2, 1e-5, 1e-9, 0.0, -1e-9, -1e-5, -1e-2, -0.5}) {
         Matrix f = Matrix::Identity();
         f(2, 2) = z;

@@ -1,5 +1,4 @@
-/* Scan files made by tests themselves, byte by byte, so that the readers are tested against the formats and not
- * against the writers. */
+/* Synthetic scan files, so that the readers are tested against the formats and not against the writers. */
 #ifndef PLIANT_TEST_SCAN_FILES_H
 #define PLIANT_TEST_SCAN_FILES_H
 
@@ -20,7 +19,7 @@
 #include <vector>
 #include <zlib.h>
 
-/* A folder of its own, removed with its files. */
+/* A temporary folder, removed with its files. */
 class temporary_folder {
 public:
     temporary_folder()
@@ -62,7 +61,7 @@ private:
 
 inline void save(const std::string &path, const std::string &bytes)
 {
-    unlink(path.c_str()); /* some file systems flush a file to disk that is overwritten */
+    unlink(path.c_str()); /* some file systems flush an overwritten file to disk */
     std::ofstream(path, std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
 }
 
@@ -77,7 +76,7 @@ template <class T> std::string bytes_of(const std::vector<T> &values)
     return std::string(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(T));
 }
 
-/* NIfTI-1, little-endian, one file. */
+/* A NIfTI-1 file, little-endian, header and data in one file. */
 struct nifti_file {
     std::vector<int16_t> dim = {3, 4, 3, 2};
     int16_t datatype = 4, bitpix = 16, qform_code = 0, sform_code = 1;
@@ -111,7 +110,7 @@ struct nifti_file {
     }
 };
 
-/* One image of a DICOM series: little-endian, explicit VR by default, 16 bit. An element whose text is empty is left
+/* One image of a DICOM series: little-endian, explicit VR by default, 16 bit. An element with empty text is left
  * out. */
 struct dicom_file {
     std::string syntax = "1.2.840.10008.1.2.1", object = "1.2.840.10008.5.1.4.1.1.2", image_type;
@@ -189,7 +188,7 @@ inline std::string from_hex(const std::string &digits)
     return bytes;
 }
 
-/* Window bits as zlib takes them: with 16 added gzip, negative without a header. */
+/* Compress. Window bits as in zlib: 16 added gives gzip, negative gives no header. */
 inline std::string deflated(const std::string &bytes, int window_bits)
 {
     std::string out(bytes.size() + 100, '\0');
@@ -207,7 +206,8 @@ inline std::string deflated(const std::string &bytes, int window_bits)
 
 const char *const DEFLATED_SYNTAX = "1.2.840.10008.1.2.1.99";
 
-/* Deflate the data set of a DICOM file whose transfer syntax says so already; the file meta group stays. */
+/* Deflate the data set of a DICOM file that already has the deflated transfer syntax. The file meta group stays
+ * uncompressed. */
 inline std::string with_deflated_data_set(const std::string &bytes)
 {
     uint32_t length;
@@ -216,7 +216,7 @@ inline std::string with_deflated_data_set(const std::string &bytes)
     return bytes.substr(0, start) + deflated(bytes.substr(start), -MAX_WBITS);
 }
 
-/* A stack of slices 2 mm apart along z, in shuffled files; change alters one before it is written. */
+/* A stack of slices 2 mm apart along z, in shuffled files. `change` alters an image before it is written. */
 template <class Change> void save_series(const temporary_folder &folder, int count, Change change)
 {
     for (int n = 0; n < count; n++) {
@@ -235,7 +235,7 @@ inline void save_series(const temporary_folder &folder, int count)
     save_series(folder, count, [](int, dicom_file *) {});
 }
 
-/* Collects the warnings of the library while it lives. */
+/* Collects the warnings of the library during its lifetime. */
 class log_catcher
 {
 public:
@@ -261,7 +261,7 @@ private:
     }
 };
 
-/* A warning, or none, with all these words. */
+/* Return a warning with all these words, if there is one. */
 inline void expect_words(const std::string &text, const std::vector<std::string> &words)
 {
     EXPECT_EQ(text.empty(), words.empty()) << text;
@@ -282,7 +282,8 @@ struct volume_holder {
     }
 };
 
-/* Reading fails with this status and a message with all these words; the output is as it was, nothing leaks. */
+/* Expect that reading fails with this status and a message with all these words. The output is unchanged, and no memory
+ * leaks. */
 inline void expect_refused(const std::string &path, pliant_status status, const std::vector<std::string> &words, const char *series = nullptr,
                            size_t memory_limit = 0)
 {

@@ -1,4 +1,4 @@
-/* Scenes: defaults, YAML, option paths, checks; what is refused and with which words. */
+/* Tests of scenes: defaults, YAML, option paths, checks, and the error messages of refused scenes. */
 #include "state/data.h"
 #include "pliant/memory.h"
 #include "pliant/scene.h"
@@ -39,7 +39,7 @@ void expect_words(const std::string &message, std::initializer_list<const char *
         EXPECT_NE(message.find(word), std::string::npos) << "\"" << word << "\" in: " << message;
 }
 
-/* status and words; the output must stay as it was */
+/* Expect a failure with this status and these words. The output must stay unchanged. */
 void refused(const std::string &yaml, pliant_status status, std::initializer_list<const char *> words)
 {
     pliant_scene scene, before;
@@ -51,7 +51,7 @@ void refused(const std::string &yaml, pliant_status status, std::initializer_lis
     expect_words(pliant_last_error(), words);
 }
 
-/* Read to the limit and no further, whatever pretends to be a scene. */
+/* The reader stops at its size limit, even for endless files. */
 TEST(SceneFile, ThatNeverEndsIsRefused)
 {
     pliant_scene scene;
@@ -61,7 +61,7 @@ TEST(SceneFile, ThatNeverEndsIsRefused)
     char folder[] = "/tmp/pliant_scene_XXXXXX";
     ASSERT_NE(mkdtemp(folder), nullptr);
     const std::string huge = std::string(folder) + "/huge.yaml", pipe = std::string(folder) + "/pipe.yaml";
-    std::ofstream(huge).seekp(3LL << 30).put('\n'); /* takes no room on disk */
+    std::ofstream(huge).seekp(3LL << 30).put('\n'); /* a sparse file needs no space on disk */
     EXPECT_EQ(pliant_scene_read(huge.c_str(), &scene), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("does not end within"), std::string::npos) << pliant_last_error();
     ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
@@ -72,7 +72,7 @@ TEST(SceneFile, ThatNeverEndsIsRefused)
     }
     EXPECT_EQ(pliant_scene_read(pipe.c_str(), &scene), PLIANT_ERROR_FORMAT);
     EXPECT_NE(std::string(pliant_last_error()).find("does not end within"), std::string::npos) << pliant_last_error();
-    waitpid(writer, nullptr, 0); /* it ends: nobody reads */
+    waitpid(writer, nullptr, 0); /* the writer ends because nobody reads */
     EXPECT_LT(pliant_memory_peak() - in_use, 150u << 20);
     EXPECT_EQ(pliant_memory_in_use(), in_use);
     unlink(huge.c_str());
@@ -311,7 +311,8 @@ TEST(scene, check_catches_scenes_made_by_hand)
     fails([](pliant_scene *s) { s->fixed.num_planes = 99; }, "fixed");
 }
 
-/* every option by its own description: the default in words is the default, the range is where it ends */
+/* Every option against its own description: the default in words is the default, and values outside of the range
+ * fail. */
 TEST(scene, options_describe_themselves)
 {
     size_t count;
@@ -350,7 +351,7 @@ TEST(scene, a_decimal_comma_in_the_locale_changes_nothing)
     EXPECT_EQ(scene.solver.step, 0.25);
 }
 
-// element/kind: auto is hexahedra but for what is made of tetrahedra; what is compared has elements of one kind
+// element/kind: auto selects hexahedra, unless an option needs tetrahedra.
 TEST(scene, auto_elements_are_what_the_scene_can_have)
 {
     struct row {
@@ -362,9 +363,9 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         {{{"model/method", "averaged"}}, nullptr},
         {{{"solver/kind", "tled"}, {"cut/kind", "sever"}}, nullptr},
         {{{"mesh/kind", "octree"}}, nullptr},
-        {{{"model/patch", "0.05"}}, nullptr}, // of the fine mesh it is nothing
+        {{{"model/patch", "0.05"}}, nullptr}, // the fine mesh has no patch
         {{{"contact/self", "true"}}, "contact/self"},
-        {{{"tled/nodal_pressure", "true"}}, nullptr}, // nor of the corotational solver
+        {{{"tled/nodal_pressure", "true"}}, nullptr}, // the corotational solver ignores it
         {{{"model/method", "schur"}}, nullptr},
         {{{"model/method", "calibrated"}}, nullptr},
         {{{"model/method", "lod"}}, nullptr},
@@ -383,7 +384,7 @@ TEST(scene, auto_elements_are_what_the_scene_can_have)
         EXPECT_EQ(pliant_scene_element_kind(&scene, &why), r.why ? PLIANT_LINEAR : PLIANT_HEXAHEDRA);
         EXPECT_EQ(why != nullptr, r.why != nullptr);
         if (why && r.why) EXPECT_EQ(std::string(why).compare(0, std::strlen(r.why), r.why), 0) << why;
-        for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) { // a name is not changed
+        for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) { // an explicit kind is not changed
             scene.element.kind = kind;
             EXPECT_EQ(pliant_scene_element_kind(&scene, nullptr), kind);
         }

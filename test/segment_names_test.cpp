@@ -1,4 +1,4 @@
-/* Segments name materials: which name is which, what is unknown, and what the log says. */
+/* Segments select materials by name: matches, unknown names, and log messages. */
 #include "material/names.h"
 #include "pliant/memory.h"
 #include "scan_files.h"
@@ -30,7 +30,7 @@ pliant_label_segment segment_of(const std::string &name, const std::string &iden
     return out;
 }
 
-/* A scan of four voxels, of which the first n have the labels of n segments. */
+/* A scan of four voxels. The first n voxels have the labels of n segments. */
 struct segmented {
     pliant_volume scan = {};
     pliant_labels labels = {};
@@ -78,7 +78,7 @@ TEST(SegmentNames, WhatDecides)
         int material;
         pliant_segment_match match;
     } cases[] = {{segment_of("liver"), 1, PLIANT_SEGMENT_BY_NAME},
-                 {segment_of("LIVER"), 4, PLIANT_SEGMENT_BY_NAME}, /* as it is written goes first */
+                 {segment_of("LIVER"), 4, PLIANT_SEGMENT_BY_NAME}, /* the exact spelling has priority */
                  {segment_of("Liver"), 1, PLIANT_SEGMENT_BY_NAME},
                  {segment_of("kidney"), 2, PLIANT_SEGMENT_BY_NAME},
                  {segment_of("Right Kidney"), 2, PLIANT_SEGMENT_BY_NAME},
@@ -88,8 +88,10 @@ TEST(SegmentNames, WhatDecides)
                  {segment_of("Leber", "Segment_1", "Liver"), 1, PLIANT_SEGMENT_BY_TERMINOLOGY},
                  {segment_of("Segment_2", "Segment_2", "", 2, 2), 2, PLIANT_SEGMENT_BY_VALUE},
                  {segment_of("", "", "", 5, 5), 1, PLIANT_SEGMENT_BY_VALUE},
-                 {segment_of("Segment_2", "Segment_2", "", 2, 1), -1, PLIANT_SEGMENT_UNKNOWN}, /* layers give values several times */
-                 {segment_of("lesion", "", "", 2, 2), -1, PLIANT_SEGMENT_UNKNOWN},             /* it has a name: its value means nothing */
+                 /* several layers reuse the same values */
+                 {segment_of("Segment_2", "Segment_2", "", 2, 1), -1, PLIANT_SEGMENT_UNKNOWN},
+                 /* with a name, the value is ignored */
+                 {segment_of("lesion", "", "", 2, 2), -1, PLIANT_SEGMENT_UNKNOWN},
                  {segment_of("liver_tumor", "Segment_3", ""), -1, PLIANT_SEGMENT_UNKNOWN}};
     for (const auto &one : cases) {
         pliant_segment_match match;
@@ -135,14 +137,14 @@ TEST(SegmentNames, UnknownOnesAreListedWithTheNearest)
     expect_words(pliant_last_error(), {"more; rename the segments"});
 }
 
-/* Ids of classes decide, and names warn of a table of another task. */
+/* The class ids decide. The names warn of a table for another task. */
 TEST(SegmentNames, ClassesGoByTheirIds)
 {
     table_holder held;
     pliant_label_segment kidney = segment_of("kidney_left", "", "", 2, 2), other = segment_of("kidney_right", "", "", 5, 5), unknown = segment_of("liver", "", "", 7, 7);
     kidney.is_class = other.is_class = unknown.is_class = 1;
     segmented map({kidney, other});
-    map.labels.voxels[2] = 1; /* an id that the file does not name */
+    map.labels.voxels[2] = 1; /* an id without a name in the file */
     std::vector<uint8_t> material(16, 99);
     ASSERT_EQ(pliant_material_classify(&held.table, &map.scan, &map.labels, material.data()), PLIANT_OK) << pliant_last_error();
     EXPECT_EQ(material[0], 2);

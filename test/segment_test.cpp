@@ -1,4 +1,5 @@
-// Segmentation: the mixture, neighbours, pieces, specks; how well organs of the phantom and of a CT are met.
+// Tests of segmentation: the mixture model, the neighbourhood term, connected pieces, specks, and the agreement with
+// organs of the phantom and of a CT.
 #include "pliant/pliant.h"
 #include "scan/segment.h"
 
@@ -32,7 +33,7 @@ struct Found : pliant_segmentation {
     ~Found() { pliant_segmentation_free(this); }
 };
 
-// three boxes along i, of 0, 100 and 300, with noise
+// Three boxes along i, with values 0, 100 and 300 and noise.
 void fill(Scan &scan, double noise)
 {
     std::mt19937 random(7);
@@ -67,7 +68,8 @@ TEST(Segment, FindsTheMixtureThatWasMixed)
     }
 }
 
-// BIC of k Gaussians on n samples, each 64 voxels, with the mean log likelihood L:  -2 n L + (3 k - 1) ln n. 6400 voxels are 100 samples.
+// BIC of k Gaussians on n samples of 64 voxels each, with the mean log likelihood L: -2 n L + (3 k - 1) ln n. 6400
+// voxels are 100 samples.
 TEST(Segment, TheCriterionIsBic)
 {
     segment_histogram histogram{};
@@ -75,7 +77,7 @@ TEST(Segment, TheCriterionIsBic)
     segment_fits fits{};
     fits.likelihood[0] = -3;
     const double by_hand = 600 + 2 * std::log(100.0); // 609.21
-    const double penalty = 3 * std::log(100.0) / 200; // what another class must gain in L
+    const double penalty = 3 * std::log(100.0) / 200; // an additional class must raise L by this value
     for (double gain : {0.99 * penalty, 1.01 * penalty}) {
         fits.likelihood[1] = -3 + gain;
         pliant_segment_options options = usual();
@@ -90,7 +92,7 @@ TEST(Segment, TheCriterionIsBic)
 TEST(Segment, NeighboursOvercomeNoise)
 {
     Scan scan(48, 24, 24);
-    fill(scan, 60); // a voxel in five of the first two boxes looks like one of the other
+    fill(scan, 60); // a fifth of the voxels in the first two boxes have the value of the other box
     double wrong[2];
     for (int coherent = 0; coherent < 2; coherent++) {
         pliant_segment_options options = usual();
@@ -179,7 +181,8 @@ TEST(Segment, SpecksJoinTheirNeighbours)
     for (int v = 0; v < 27000; v++) ASSERT_EQ(gone.labels.voxels[v], v % 30 < 15 ? 1 : 2);
 }
 
-// A picture of two values has two pieces, whatever they are: masks of 0 and 1, neighbouring integers, floats; in small scans, too.
+// An image with two values has two pieces, for any values: masks of 0 and 1, adjacent integers, floats, also in small
+// scans.
 TEST(Segment, APictureOfTwoValuesHasTwoPieces)
 {
     const struct { pliant_encoding encoding; float low, high; double spacing; } pictures[] = {
@@ -263,7 +266,7 @@ TEST(Segment, OddVolumesAndWrongOptions)
     }
 }
 
-// best Dice of a label with one piece
+// Return the best Dice score of a label with one piece.
 double dice(const pliant_segmentation &found, const uint16_t *truth, int label)
 {
     size_t voxels = pliant_geometry_voxels(&found.labels.geometry), count = 0;
@@ -309,7 +312,7 @@ TEST(Segment, OrgansOfACt)
     ASSERT_EQ(pliant_segment(&scan, &options, &found), PLIANT_OK);
     double liver = dice(found, truth.voxels, 5), spleen = dice(found, truth.voxels, 1), lung = dice(found, truth.voxels, 14);
     std::printf("Dice with one piece: liver %.2f, spleen %.2f, right middle lobe %.2f\n", liver, spleen, lung);
-    EXPECT_GT(liver, 0.5); // without contrast agent liver, muscle and kidney lie within 20 HU
+    EXPECT_GT(liver, 0.5); // without contrast agent, liver, muscle and kidney lie within 20 HU
     pliant_volume_free(&scan);
     pliant_labels_free(&truth);
 }

@@ -1,11 +1,11 @@
-/* Segmentations made here, byte by byte: .seg.nrrd as 3D Slicer writes it, DICOM SEG. */
+/* Synthetic segmentations: .seg.nrrd as 3D Slicer writes it, and DICOM SEG. */
 #ifndef PLIANT_TEST_SEGMENTATION_FILES_H
 #define PLIANT_TEST_SEGMENTATION_FILES_H
 
 #include "scan_files.h"
 
 
-/* A .seg.nrrd of 3 x 4 x 2 voxels. Fields are written as they are; "" leaves one out. */
+/* A .seg.nrrd of 3 x 4 x 2 voxels. Fields are written unchanged, and "" leaves a field out. */
 struct seg_nrrd_file {
     struct segment {
         std::string name, identifier, value, layer, color, tags;
@@ -58,7 +58,7 @@ inline std::string terminology(const std::string &type, const std::string &modif
            "Anatomical Structure~" + type + "~" + modifier + "~Anatomic codes - DICOM master list~^^~^^|";
 }
 
-/* A DICOM SEG of 5 x 3 voxels a slice, slices 2 mm apart along z. Sequences have lengths, or marks at their ends. */
+/* A DICOM SEG of 5 x 3 voxels a slice, slices 2 mm apart along z. Sequences have lengths or end delimiters. */
 struct dicom_seg_file {
     struct segment {
         uint16_t number;

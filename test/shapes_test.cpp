@@ -1,4 +1,4 @@
-// Distances from rigid parts, against what is sampled densely; where an edge or a triangle is nearest to one.
+// Distances from rigid parts against dense samples, and the nearest points of edges and triangles.
 #include "contact/shapes/shapes.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ struct Random {
 
 double apart(const double *a, const double *b) { return std::sqrt(std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2) + std::pow(a[2] - b[2], 2)); }
 
-// By the definition, from points of the part's inside: the distance to what the part is grown around.
+// Return the distance by its definition: to samples of the part's core, minus the part's radius.
 double outside_of(const pliant_part &part, const double *p)
 {
     double least = INFINITY;
@@ -73,7 +73,7 @@ TEST(Shapes, TheNormalIsTheGradientAndLeadsToTheSurface)
                 low[d] -= step;
                 high[d] += step;
                 const double slope = (pliant_part_distance(&part, high.data(), there) - pliant_part_distance(&part, low.data(), there)) / (2 * step);
-                off += std::fabs(slope - normal[d]) > 1e-4; // on a ridge inside a box there is none
+                off += std::fabs(slope - normal[d]) > 1e-4; // on a ridge inside a box the gradient does not exist
             }
         }
         EXPECT_LE(off, 2);
@@ -137,12 +137,12 @@ TEST(Shapes, TheNearestPointOfAnEdgeIsThatOfManySamples)
             }
             const double size = apart(at[0], at[1]);
             EXPECT_LT(found, least + 2e-4 * size);
-            EXPECT_GT(found, least - 1e-3 * size); // between two samples
+            EXPECT_GT(found, least - 1e-3 * size); // the minimum may lie between two samples
             EXPECT_NEAR(weight[0] + weight[1], 1, 1e-12);
             double p[3];
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d];
             EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
-            double along = 0; // in the middle of an edge the way out has no slope along it, on a box's own edges, too
+            double along = 0; // inside an edge, the normal is perpendicular to the edge, also at the edges of a box
             for (int d = 0; d < 3; d++) along += normal[d] * (at[1][d] - at[0][d]) / size;
             if (weight[0] > 0 && weight[1] > 0 && part.kind != PLIANT_PART_HALF_SPACE) EXPECT_NEAR(along, 0, 0.02);
         }
@@ -168,7 +168,8 @@ TEST(Shapes, TheNearestPointOfATriangleIsThatOfManySamples)
             EXPECT_GE(std::fmin(weight[0], std::fmin(weight[1], weight[2])), 0);
             for (int d = 0; d < 3; d++) p[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
             EXPECT_NEAR(pliant_part_distance(&part, p, there), found, 1e-12);
-            for (int e = 1; e < 3; e++) { // in the middle of a triangle it is along the triangle's own normal, on a box's corners, too
+            // inside a triangle, the normal is parallel to the triangle's normal, also at the corners of a box
+            for (int e = 1; e < 3; e++) {
                 double along = 0;
                 for (int d = 0; d < 3; d++) along += normal[d] * (at[e][d] - at[0][d]) / size;
                 if (std::fmin(weight[0], std::fmin(weight[1], weight[2])) > 1e-3 && part.kind != PLIANT_PART_HALF_SPACE) EXPECT_NEAR(along, 0, 1e-9);
@@ -208,7 +209,8 @@ TEST(Shapes, JawsTurnAboutTheirJointByHalfTheAngle)
         double at[3], joint[3], back[3];
         pliant_pose_to(&pose, end, at);
         pliant_pose_to(&pose, shape.joint, joint);
-        // about x by half the angle: (0, 0, 0.01) from the joint -> (0, -0.01 sin, 0.01 cos); then about z by a quarter: (x, y) -> (-y, x)
+        // about x by half the angle: (0, 0, 0.01) from the joint -> (0, -0.01 sin, 0.01 cos); then about z by a
+        // quarter: (x, y) -> (-y, x)
         EXPECT_NEAR(at[0], 1 + sign * 0.01 * std::sin(0.5), 1e-12);
         EXPECT_NEAR(at[1], 2, 1e-12);
         EXPECT_NEAR(at[2], 3 - 0.01 + 0.01 * std::cos(0.5), 1e-12);
@@ -248,7 +250,7 @@ TEST(Shapes, ABoxAroundAPartHoldsItsPoints)
     }
 }
 
-// What closed jaws are: side by side, their ends at the tip; open, apart by the angle.
+// Closed jaws lie side by side with their ends at the tip. Open jaws differ by the angle.
 TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
 {
     for (const char *name : {"large_needle_driver", "prograsp_forceps", "monopolar_curved_scissors", "maryland_bipolar_forceps", "fenestrated_bipolar_forceps", "400049",
@@ -282,7 +284,7 @@ TEST(Shapes, InstrumentsHaveTheirTipsAtTheOrigin)
     }
 }
 
-// share/tool/index.json of the dVRK: names, other names and codes of all its instruments
+// Names, aliases and codes of all instruments in share/tool/index.json of the dVRK.
 TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
 {
     const char *const same[][4] = {{"POTTS_SCISSORS", "POTTS_SCISSORS:420001", "400001", "420001"},
@@ -334,7 +336,7 @@ TEST(Shapes, InstrumentsGoByTheirNamesAndCodes)
     }
 }
 
-// Lengths as the files of share/tool have them: D of the roll, and from the first joint of the wrist to the tip
+// Lengths in the files of share/tool: D of the roll, and from the first joint of the wrist to the tip.
 TEST(Shapes, ShaftsAreThoseOfTheirInstruments)
 {
     const struct {

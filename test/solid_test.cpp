@@ -1,4 +1,4 @@
-// Solids from triangles and STL files: distances against what is known of their shapes; what is no solid is refused.
+// Solids from triangles and STL files: distances against known shapes, and refused surfaces.
 #include "solids.h"
 
 #include "contact/shapes/shapes.h"
@@ -66,7 +66,8 @@ TEST(Solid, AConvexOneHasTheDistancesOfItsBox)
     Surface points = block(low, high);
     points.triangles.clear();
     Random random;
-    for (int n = 0; n < 200; n++) points.add(random(low[0], high[0]), random(low[1], high[1]), random(low[2], high[2])); // inside: they do not count
+    // inside, so not on the hull
+    for (int n = 0; n < 200; n++) points.add(random(low[0], high[0]), random(low[1], high[1]), random(low[2], high[2]));
     const Solid solid = make(points, 0, true);
     EXPECT_EQ(surface_of(solid).num_triangles, 12);
     EXPECT_EQ(surface_of(solid).num_points, 8);
@@ -82,7 +83,7 @@ TEST(Solid, AConvexOneHasTheDistancesOfItsBox)
     EXPECT_DOUBLE_EQ(pliant_part_reach(&part, origin), pliant_part_reach(&box, origin));
 }
 
-// Of a ball and a solid only one end says where they are.
+// Spheres and solids have one reference point only.
 TEST(Solid, ThePartsMiddleIsTheirOwn)
 {
     const Solid solid = make(block(low, high), 0, true);
@@ -92,7 +93,7 @@ TEST(Solid, ThePartsMiddleIsTheirOwn)
     double centre[3], expected[3];
     for (int d = 0; d < 3; d++) {
         sphere.from[d] = capsule.from[d] = 0.1 + d;
-        sphere.to[d] = part.to[d] = 9; // of no meaning
+        sphere.to[d] = part.to[d] = 9; // not used
         capsule.to[d] = 0.3 + d;
     }
     pliant_part_centre(&sphere, centre);
@@ -121,7 +122,8 @@ TEST(Solid, AHullHoldsItsPoints)
     EXPECT_LT(worst, 1e-12);
 }
 
-// A thousand points and more lie on a ball that eight others hold: what is on the way is not the hull. And what has too many triangles is told so.
+// More than 1000 hull triangles exist only before eight outer points enclose the ball. The final hull is valid. Without
+// the outer points, the error message gives the limit.
 TEST(Solid, AHullHasTooManyTrianglesAtTheEndAlone)
 {
     Random random;
@@ -144,7 +146,8 @@ TEST(Solid, AHullHasTooManyTrianglesAtTheEndAlone)
     EXPECT_NEAR(surface_of(solid).volume, std::pow(0.0202, 3), 1e-15);
 }
 
-// Points in the faces and on the edges of a box, up to rounding and 1e-9 of its size off: no triangle is so thin that its normal is none.
+// Points in the faces and on the edges of a box, off by rounding errors or 1e-9 of its size. No triangle is too thin
+// for a normal.
 TEST(Solid, AHullHasNoSlivers)
 {
     for (const double off : {0.0, 1e-17, 1e-11}) {
@@ -170,7 +173,7 @@ TEST(Solid, AHullHasNoSlivers)
     }
 }
 
-// However fine its field is, a solid is as thick as it is.
+// The resolution of the field does not change the thickness of a solid.
 TEST(Solid, AFineFieldIsNotThin)
 {
     const double from[3] = {0, 0, 0}, to[3] = {0.0004, 0.0004, 0.0004};
@@ -181,7 +184,7 @@ TEST(Solid, AFineFieldIsNotThin)
     EXPECT_GT(pliant_part_depth(&part), 0);
 }
 
-// A field is exact at its points, and between them as good as it says.
+// A field is exact at its points, and between them within its stated error.
 TEST(Solid, AFieldHasTheDistancesOfItsShape)
 {
     Random random;
@@ -223,7 +226,7 @@ TEST(Solid, AFieldRoundsEdgesByAsMuchAsItSays)
     }
 }
 
-// Shells that lie in one another are one solid, whoever is nearest.
+// Overlapping shells form one solid, even if a point's nearest triangle is inside another shell.
 TEST(Solid, ShellsMayOverlap)
 {
     const double from[3] = {0, 0, 0}, to[3] = {0.01, 0.01, 0.01}, middle[3] = {0.005, 0.002, 0.002}, end[3] = {0.02, 0.008, 0.008};
@@ -242,12 +245,13 @@ TEST(Solid, ShellsMayOverlap)
         };
         double normal[3];
         const double found = pliant_part_distance(&part, p.data(), normal);
-        if (within(from, to, -5e-4) || within(middle, end, -5e-4)) ASSERT_LT(found, 4e-4); // the shells inside it are 0 in the field
+        // inner shells have the value 0 in the field
+        if (within(from, to, -5e-4) || within(middle, end, -5e-4)) ASSERT_LT(found, 4e-4);
         if (!within(from, to, 4e-4) && !within(middle, end, 4e-4)) ASSERT_GT(found, 0);
     }
 }
 
-// What is not convex has more than one place where an edge or a triangle comes near.
+// With a solid that is not convex, the distance along an edge or triangle has several local minima.
 TEST(Solid, TheNearestPointsAreThoseOfManySamples)
 {
     Random random;

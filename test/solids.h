@@ -1,4 +1,4 @@
-// Solids of triangles to test with, and STL files of them.
+// Triangulated solids for tests, and STL files of them.
 #pragma once
 
 #include "pliant/contact.h"
@@ -27,7 +27,8 @@ struct Surface {
     }
 };
 
-// what a polygon in the x y plane (counter-clockwise, and given as triangles of its corners) sweeps from z = low to high
+// Extrude a polygon in the x y plane from z = low to high. `outline` is counter-clockwise, and `inside` lists the
+// triangles of its corners.
 inline Surface prism(const std::vector<std::vector<double>> &outline, const std::vector<int32_t> &inside, double low, double high)
 {
     Surface out;
@@ -47,10 +48,10 @@ inline Surface block(const double low[3], const double high[3])
     return prism({{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}}, {0, 1, 2, 0, 2, 3}, low[2], high[2]);
 }
 
-// an L: a corner of 20 x 20 mm with legs of 6 mm, 8 mm thick
+// An L-shaped solid of 20 x 20 mm, with legs of 6 mm, 8 mm thick.
 inline Surface corner() { return prism({{0, 0}, {0.02, 0}, {0.02, 0.006}, {0.006, 0.006}, {0.006, 0.02}, {0, 0.02}}, {0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5}, 0, 0.008); }
 
-// about z, its tube round a circle
+// A torus around z.
 inline Surface ring(double radius, double tube, int around = 48, int across = 24)
 {
     Surface out;
@@ -85,7 +86,7 @@ inline Surface ball_surface(double radius, int around = 32, int across = 14)
     return out;
 }
 
-// a rod about z from 0 to a length, with flat ends
+// A rod about z from 0 to a length, with flat ends.
 inline Surface rod_surface(double radius, double length, int around = 24)
 {
     std::vector<std::vector<double>> outline;

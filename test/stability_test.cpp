@@ -1,4 +1,4 @@
-// Extreme cases: each ends in a verdict, none is broken, and the body comes back to rest.
+// Extreme cases: each one gets a verdict, no simulation fails, and the body returns to rest.
 #include "pliant/report.h"
 #include "pliant/memory.h"
 

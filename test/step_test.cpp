@@ -1,4 +1,4 @@
-// The step: what becomes of a failure, by whose fault it is.
+// Failures of a step: the resulting state, and whether the backend is replaced.
 #include "pipeline/body.h"
 
 #include "backend/backend.h"
@@ -10,7 +10,7 @@ namespace {
 const int size[3] = {6, 6, 6};
 const double box[3] = {0.12, 0.12, 0.12}, top[3] = {0.05, 0.06, 0.11};
 
-// a backend that keeps state of its own, as a GPU does
+// A backend with its own state, like a GPU.
 bool lost;
 pliant_backend other()
 {
@@ -44,7 +44,7 @@ struct Step : testing::Test {
     void TearDown() override { pliant_memory_fail_after(-1); }
 };
 
-// the hold of a tool is the host's: without memory for it the step fails, and nobody else is to blame
+// The grasp constraint of a tool is on the host. Without memory for it the step fails, but the backend stays.
 TEST_F(Step, WithoutMemoryForAHoldTheBackendStays)
 {
     const uint64_t before = body.data->statistics.step;
@@ -68,7 +68,7 @@ TEST_F(Step, WhereTheBackendIsLostTheCpuGoesOn)
     EXPECT_GT(body.data->tools[tool].force[2], 0.01);
 }
 
-// dynamics that are there already are not done twice when what comes after them fails
+// If drawing fails after a dynamic step, the step is not run a second time.
 TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
 {
     static bool fails;
@@ -96,7 +96,7 @@ TEST(StepOfDynamics, AFailedPictureIsNoSecondFrame)
     EXPECT_EQ(ends[0], ends[1]);
 }
 
-// whichever allocation of a step fails: it ends as if there had been memory, or the state is the one before it and the next step goes on
+// For any failing allocation, the step either ends normally, or it restores the state and the next step continues.
 TEST(StepWithoutMemory, IsTheStateBeforeItOrTheOneAfterIt)
 {
     int failed = 0;

@@ -13,7 +13,8 @@ import unittest
 
 FOLDER = os.path.realpath(sys.argv.pop(1)) if len(sys.argv) > 1 else ""
 STOPPED = 130
-LARGE = ["--set", "mesh/coarse_cells=24 20 20", "--set", "mesh/ratio=2", "--set", "solver/preconditioner=direct"]  # factored for many seconds
+# the factorization takes many seconds
+LARGE = ["--set", "mesh/coarse_cells=24 20 20", "--set", "mesh/ratio=2", "--set", "solver/preconditioner=direct"]
 SMALL = ["--set", "mesh/coarse_cells=6 5 6", "--set", "mesh/ratio=1"]
 
 

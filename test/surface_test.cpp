@@ -1,4 +1,4 @@
-// The surface of a body that is cut, as it is seen.
+// The visible surface of a cut body.
 #include "cuts.h"
 #include "pliant/surface.h"
 
@@ -15,7 +15,7 @@ struct Surface {
     Surface(const Surface &) = delete;
     Surface &operator=(const Surface &) = delete;
     ~Surface() { pliant_surface_free(made); }
-    // nodes, then vertices
+    // Return the positions of all nodes, then of all vertices.
     std::vector<double> places(const double *positions) const
     {
         const size_t nodes = static_cast<size_t>(made->body->fine.num_nodes);
@@ -38,7 +38,7 @@ std::unique_ptr<Cuttable> block(int a, int b, int c, int cell, std::function<int
     return std::make_unique<Cuttable>(std::move(body));
 }
 
-// edges whose triangles do not have as many on one side as on the other
+// Count edges whose two directions have different numbers of triangles.
 int open_edges(const pliant_surface &surface)
 {
     std::map<std::pair<int32_t, int32_t>, int> edges;
@@ -52,7 +52,7 @@ int open_edges(const pliant_surface &surface)
     return open;
 }
 
-// of triangles from one on: area, and the volume that all enclose
+// Compute the area and the enclosed volume of the triangles from `first` on.
 void measure(const pliant_surface &surface, const std::vector<double> &at, int32_t first, double *area, double *volume)
 {
     *area = *volume = 0;
@@ -111,7 +111,7 @@ TEST(Surface, WithoutACutItIsThatOfTheMesh)
     EXPECT_EQ(std::memcmp(surface.made->triangle, bar->now->triangles, 3 * sizeof(int32_t) * static_cast<size_t>(bar->now->num_triangles)), 0);
 }
 
-// A plane through a bar: two closed halves, whose faces have the area of the plane, and lie on it.
+// A plane through a bar leaves two closed halves. Their cut faces have the area of the plane and lie on it.
 TEST(Surface, APlaneLeavesTwoClosedHalves)
 {
     const double normals[][3] = {{1, 0, 0}, {1, 0.2, 0.1}, {1, 0.5, -0.3}, {1, -0.7, 0.6}, {1, 1, 0}};
@@ -137,7 +137,7 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
         }
         EXPECT_NEAR(area / plane, 1, 0.05) << normal[0] << " " << normal[1] << " " << normal[2];
         EXPECT_LT(worst, 0.002) << "two voxels";
-        // pulled apart, each half is whole
+        // after the halves move apart, each one is closed
         const std::vector<int32_t> piece = mesh_pieces(*bar->now);
         std::vector<double> moved = bar->positions;
         std::vector<int32_t> of_node(static_cast<size_t>(bar->now->fine.num_nodes));
@@ -149,7 +149,7 @@ TEST(Surface, APlaneLeavesTwoClosedHalves)
     }
 }
 
-// Tetrahedra smaller than a voxel, which own none, part along their faces alone.
+// Tetrahedra smaller than a voxel own no voxel. They separate along their faces.
 TEST(Surface, PartsBetweenTetrahedraWithoutVoxels)
 {
     auto all = block(4, 2, 2, 1);
@@ -165,7 +165,7 @@ TEST(Surface, PartsBetweenTetrahedraWithoutVoxels)
     expect_same(*again.made, *surface.made);
 }
 
-// Strokes from all sides: closed, the same whatever was before, and after an undo the old one.
+// Strokes from all sides: the surface is closed, it does not depend on the previous surface, and undo restores it.
 TEST(Surface, FollowsFromBodyToBody)
 {
     auto all = block(40, 32, 32, 8, [](int i, int j, int k) { return i + j > 62 ? 2 : k > 15; });

@@ -1,4 +1,4 @@
-// A sweep over a tiny body, from one end to the other.
+// A complete sweep over a tiny body.
 #include "pipeline/body.h"
 
 #include <cstdlib>
@@ -60,7 +60,7 @@ TEST_F(Sweep, FindsTheFrontOfSoftTissue)
     const double *at = sweep.points[0].rest;
     EXPECT_NEAR(at[0], 0.06, 0.011);
     EXPECT_NEAR(at[2], 0.06, 0.011);
-    EXPECT_GT(at[1], 0.02); // behind the air, and a little inside
+    EXPECT_GT(at[1], 0.02); // behind the air, and slightly inside
     EXPECT_LT(at[1], 0.04);
     pliant_pull_point many[PLIANT_MAX_PULLS];
     int found = pliant_pull_points(&input, nullptr, 0, 3, many);
@@ -96,12 +96,12 @@ TEST_F(Sweep, EveryMethodCaseAndBudgetHasARowAndFineIsTheMostAccurate)
     EXPECT_EQ(pliant_results_rows(tables.frames), models * 2 * (3 * 4 + 8));
     EXPECT_EQ(pliant_results_rows(tables.histogram), models * 4 * 40);
 
-    // nothing is left to do
+    // a second run adds nothing
     ASSERT_EQ(run(), PLIANT_OK);
     EXPECT_EQ(pliant_results_rows(tables.sweep), rows);
 }
 
-// the fine solutions are on disk: of a sweep that goes on none is solved again, and its errors are the same
+// The fine reference solutions are on disk. A resumed sweep computes none of them again, and its errors are the same.
 TEST_F(Sweep, ReferencesAreKept)
 {
     sweep.methods = 1u << PLIANT_FINE | 1u << PLIANT_COARSE;
@@ -110,7 +110,7 @@ TEST_F(Sweep, ReferencesAreKept)
     ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
     std::vector<std::string> errors;
     for (int again = 0; again < 3; again++) {
-        if (again == 2) { // one that is not whole is solved again
+        if (again == 2) { // a truncated file is computed again
             std::string files = "for f in " + std::string(folder) + "/reference_*.bin; do truncate -s -8 $f; done";
             ASSERT_EQ(std::system(files.c_str()), 0);
         }
@@ -196,7 +196,7 @@ TEST_F(Sweep, ExplicitDynamicsComesToTheCorotationalAnswerWhereStrainsAreSmall)
     EXPECT_NEAR(told("steps_a_frame") * told("time_step_us"), 1e6 * body.scene.solver.step, 1);
     EXPECT_LE(told("time_step_us"), 0.9 * std::fmin(told("edge_bound_us"), told("eigenvalue_bound_us")) + 1e-3);
     EXPECT_LT(told("energy_drift_percent"), 0.1);
-    EXPECT_GT(told("energy_drift_percent"), 0); // single precision is not that good
+    EXPECT_GT(told("energy_drift_percent"), 0); // because of single precision
 
     body.scene.ground.normal[1] = -1;
     EXPECT_EQ(run(), PLIANT_ERROR_SCENE);
@@ -205,7 +205,7 @@ TEST_F(Sweep, ExplicitDynamicsComesToTheCorotationalAnswerWhereStrainsAreSmall)
     EXPECT_EQ(pliant_dynamics_run(&input, &sweep, &tables, {nullptr, nullptr}), PLIANT_ERROR_SCENE);
 }
 
-// against the same pull by sub-steps of an eighth
+// Compare with the same pull with sub-steps of an eighth.
 TEST_F(Sweep, TheErrorOfTimeIntegrationIsWhatMuchShorterSubStepsShow)
 {
     body.scene.solver.kind = PLIANT_TLED;
@@ -267,7 +267,7 @@ TEST_F(Sweep, AnOctreeIsMeasuredAgainstOneOfTwiceTheCells)
     sweep.num_iterations = 1;
     sweep.iterations[0] = 0;
     sweep.cases = 1; // displacement
-    body.scene.warp.kind = PLIANT_FIT; // whose voxels are not compared
+    body.scene.warp.kind = PLIANT_FIT; // its voxels are not compared
     ASSERT_EQ(run(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(pliant_results_rows(tables.sweep), 1u);
     EXPECT_GT(number(0, "twice_tetrahedra"), 1.5 * number(0, "fine_tetrahedra"));

@@ -1,4 +1,4 @@
-// What the library exports is what the public headers declare, no more and no less.
+// The library exports exactly the functions that the public headers declare.
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +31,8 @@ std::set<std::string> exported_symbols(const char *library)
     return symbols;
 }
 
-// functions with a prototype in include/pliant, without the comments around them; those of reports are a library's of their own
+// Return the functions with a prototype in include/pliant, without comments. The functions of reports belong to a
+// second library.
 std::set<std::string> declared_functions(bool of_reports)
 {
     std::set<std::string> functions;

@@ -1,4 +1,4 @@
-/* Material tables: what is read, what is refused and with which words, and what a failing allocation leaves behind. */
+/* Tests of material tables: reading, error messages, and failing allocations. */
 #include "pliant/material.h"
 #include "pliant/memory.h"
 #include "pliant/session.h"
@@ -42,7 +42,7 @@ std::string refusal(const std::string &yaml)
     return pliant_last_error();
 }
 
-/* the good table with one piece replaced */
+/* Return the valid table with one replaced part. */
 std::string with(const std::string &from, const std::string &to)
 {
     std::string yaml = good;

@@ -29,7 +29,7 @@ TEST(target, is_the_scan_or_grows_by_whole_voxels)
     for (int d = 0; d < 3; d++) EXPECT_NEAR(target.origin[d], origin[d], 1e-12);
 }
 
-// a margin grows the scan along its own axes, whichever way these lie
+// A margin grows the scan along its own axes, for any orientation.
 TEST(target, grows_an_oblique_scan_as_any_other)
 {
     pliant_geometry straight = box_geometry(40, 30, 20), turned = straight, targets[2];

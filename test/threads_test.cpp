@@ -1,4 +1,4 @@
-// Loops run on as many threads as the scene says, which changes no bit of a model; what a thread met is handed on.
+// Loops use the number of threads of the scene, which changes no bit of a model. Errors of a thread are passed on.
 #include "base/threads.h"
 
 #include "base/fail.h"
@@ -11,7 +11,7 @@
 
 namespace {
 
-// What a thread tries and can do without is no error for who reads the log; memory that is missing is.
+// A failure that a thread can handle is a debug message, not an error. Missing memory is an error.
 TEST(Fail, QuietlyNumericIsForDebuggingAlone)
 {
     static std::vector<int> levels;
@@ -36,7 +36,7 @@ int threads_of_a_region()
     return count;
 }
 
-// a block with a fixed core that lies askew to the lattice
+// A block with a fixed core that is not aligned with the lattice.
 struct Block : Body {
     explicit Block(int threads)
         : Body(std::array<int, 3>{20, 16, 18}.data(), std::array<double, 3>{0.05, 0.04, 0.045}.data(),
@@ -53,7 +53,7 @@ struct Block : Body {
 
 struct Asked {
     std::set<int> threads;
-    int most = 0; // reports after which no more are wanted
+    int most = 0; // number of reports before cancellation
 };
 
 bool ask(double, const char *, void *user)
@@ -166,7 +166,8 @@ TEST(Threads, WhatOneOfThemMetIsHandedOn)
 
 TEST(Threads, HomogenizationIsCancelledWhereItsProgressIsRefused)
 {
-    // 5 coarse tetrahedra in each of 4 x 4 x 4 cells: a report after 64 of them and so on, after those of the stages before
+    // 5 coarse tetrahedra in each of 4 x 4 x 4 cells. After the reports of earlier stages, a report follows after each
+    // 64 of them.
     for (int most : {6, 7}) {
         Block block(2);
         block.cells(4, 4, 4, 2);

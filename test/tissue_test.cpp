@@ -1,4 +1,4 @@
-// Where tissue touches tissue: blocks, bars that cross, a strip that is folded, the two sides of a cut.
+// Self-contact of tissue: blocks, crossing bars, a folded strip, the two sides of a cut.
 #include "contact/detect/tissue.h"
 #include "cuts.h"
 
@@ -6,12 +6,12 @@
 
 namespace {
 
-// Blocks of cells one above the other with a layer of nothing between, in one mesh.
+// A mesh of blocks of cells, one above the other, with an empty layer between them.
 struct Blocks {
     static constexpr double h = 0.01;
     pliant_body *body = nullptr;
     std::vector<double> positions;
-    std::vector<int> block_of; // node -> which
+    std::vector<int> block_of; // node -> block
     pliant_tissue tissue{};
     pliant_contacts contacts{};
     pliant_tissue_rule rule{0.2 * h, 1.0, 0.3};
@@ -79,7 +79,7 @@ double gap(const pliant_contact_point &point, const std::vector<double> &positio
 
 int kind_of(const pliant_contact_point &point) { return static_cast<int>(point.feature >> 56); }
 
-// What each point must be, and that forces along normals conserve momentum and its moment, to rounding
+// Check each point, and that forces along the normals conserve momentum and angular momentum, up to rounding.
 void check_points(const pliant_contacts &contacts, const std::vector<double> &positions)
 {
     double force[3] = {0, 0, 0}, moment[3] = {0, 0, 0}, scale = 0;
@@ -121,7 +121,7 @@ TEST(Tissue, BlocksTouchWhereTheyFaceEachOther)
         blocks.find();
         ASSERT_FALSE(HasFatalFailure());
         check_points(blocks.contacts, blocks.positions);
-        // each of 25 nodes of either face, but for those beyond the other's border: 9 of the upper one's, 9 of the lower one's
+        // both faces have 25 nodes; 9 nodes of each one lie beyond the border of the other face
         EXPECT_EQ(blocks.contacts.count, 2 * 16) << between;
         double area = 0;
         for (int32_t c = 0; c < blocks.contacts.count; c++) {
@@ -154,13 +154,13 @@ TEST(Tissue, NothingTouchesAtRest)
     EXPECT_EQ(blocks.contacts.count, 0);
 }
 
-// in by more than an element: all that is inside has the shortest way out
+// Overlap by more than an element: all inner nodes get the shortest way out.
 TEST(Tissue, WhatBeginsDeepInsideIsPushedOutTheShortestWay)
 {
     Blocks blocks(6, 6, 6, 2);
     const double h = blocks.h;
     blocks.move(1, 1.3 * h, 2.2 * h, (-1 - 2.6) * h);
-    for (int again = 0; again < 2; again++) { // the second time it is known from the first
+    for (int again = 0; again < 2; again++) { // the second search starts from the first result
         blocks.find();
         ASSERT_FALSE(HasFatalFailure());
         check_points(blocks.contacts, blocks.positions);
@@ -264,14 +264,14 @@ TEST(Tissue, EdgesThatCrossTouch)
     EXPECT_NEAR(way[1], 0, 1e-12);
 }
 
-// ---- a strip that is folded
+// ---- a folded strip
 
 TEST(Tissue, AStripFoldedOntoItselfTouchesWhereItsHalvesMeet)
 {
     const int length = 40;
     Blocks strip(length, 4, 1, 1);
     const double h = strip.h, straight = 15 * h, bend = 10 * h, inner = bend / M_PI;
-    strip.map(0, [&](double *x) { // its inner side keeps its length; half of a turn in the middle
+    strip.map(0, [&](double *x) { // its inner side keeps its length; half a turn in the middle
         const double s = x[0], up = h - x[2];
         const double radius = inner + up;
         if (s < straight) {
@@ -287,7 +287,7 @@ TEST(Tissue, AStripFoldedOntoItselfTouchesWhereItsHalvesMeet)
     });
     strip.find();
     EXPECT_EQ(strip.contacts.count, 0) << "the halves are " << 2 * inner / h << " elements apart";
-    // pressed together but for the bend, in by a twentieth of an element
+    // pressed together except for the bend, with a penetration of a twentieth of an element
     for (size_t n = 0; n < strip.block_of.size(); n++) {
         double *x = strip.positions.data() + 3 * n;
         const double share = std::min(std::max((8 * h - x[0]) / (6 * h), 0.0), 1.0);
@@ -322,7 +322,7 @@ std::unique_ptr<Body> bar()
     return body;
 }
 
-// which nodes hang together with the highest one
+// Return which nodes are connected with the highest node.
 std::vector<bool> beyond(const Cuttable &cut)
 {
     const pliant_body &body = *cut.now;

@@ -21,7 +21,7 @@ inline Moduli moduli(double young, double poisson)
     return {young * poisson / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)};
 }
 
-// a bar along z, its lower end fixed unless it is free to fall
+// A bar along z. Its lower end is fixed, unless the bar may fall.
 static pliant_element_kind kind_of_bars = PLIANT_LINEAR;
 class EveryKind : public ::testing::TestWithParam<pliant_element_kind> {
 protected:

@@ -1,4 +1,5 @@
-// Explicit dynamics continues with the next body: momentum, energies and relaxed stress are kept, the sub-step is recomputed.
+// Explicit dynamics continues with the next body: momentum, energies and relaxed stress are kept, the sub-step is
+// recomputed.
 #include "fem/dynamics/tled_cubes.h"
 #include "cuts.h"
 
@@ -7,7 +8,7 @@
 namespace
 {
 
-// a bar along z that swings, viscous, its lower end fixed
+// A viscous, swinging bar along z with a fixed lower end.
 struct Swinging : Body {
     explicit Swinging(const std::vector<Material> &materials = {{4000, 0.4, 1000, false}},
                       const std::function<int(int, int, int)> &material = [](int, int, int) { return 0; }, double width = 0.04, int voxels = 8)
@@ -38,7 +39,7 @@ struct Swinging : Body {
         EXPECT_EQ(pliant_data_get_dynamics(model, data, &told), PLIANT_OK);
         return told;
     }
-    // linear, and about the origin
+    // Return the momentum, and the angular momentum about the origin.
     std::array<double, 6> momentum() const
     {
         std::array<double, 6> out{};
@@ -53,14 +54,14 @@ struct Swinging : Body {
         }
         return out;
     }
-    std::vector<double> densities() const // of fragments together, by tetrahedron at load
+    std::vector<double> densities() const // sums over the fragments of each tetrahedron at load
     {
         const pliant_body &body = *data->body;
         std::vector<double> out(static_cast<size_t>(model->body->fine.num_tets));
         for (int32_t t = 0; t < body.fine.num_tets; t++) out[body.tet_parent ? body.tet_parent[t] : t] += body.fine_material[t].density;
         return out;
     }
-    double relaxed() const // a sum over all elements of what has
+    double relaxed() const // sum of the relaxed stress over all elements
     {
         const pliant_tled_system &system = *data->tled->system;
         const int32_t cubes = system.cubes ? system.cubes->count : 0, tets = system.cubes ? system.cubes->num_tets : system.mesh->num_tets;
@@ -71,7 +72,7 @@ struct Swinging : Body {
         }
         return sum;
     }
-    // by a blade's stroke at random, as wide as this; false: nothing was severed
+    // Cut with a random blade stroke of this half width. Return false if nothing was severed.
     bool stroke(std::mt19937 &random, double half, pliant_body **next) const
     {
         std::uniform_real_distribution<double> unit(-1, 1);
@@ -95,7 +96,7 @@ void expect_same(const std::array<double, 6> &a, const std::array<double, 6> &b)
     }
 }
 
-// from one side, half-way through: copies of nodes share the mass of their elements
+// A slit from one side to the middle. Copied nodes share the mass of their elements.
 TEST(TledCarry, ASlitTakesNoMomentumAndNoEnergy)
 {
     Swinging bar;
@@ -166,7 +167,7 @@ TEST(TledCarry, TheSubStepFollowsTheBody)
     bar.swing(5);
 }
 
-// a sub-step that was found too long for what moves stays halved, whatever body comes
+// Halvings of an unstable sub-step are kept for the next body.
 TEST(TledCarry, WhatWasHalvedStaysSo)
 {
     Swinging bar;
@@ -188,8 +189,8 @@ TEST(TledCarry, WhatWasHalvedStaysSo)
     expect_same(momentum, bar.momentum());
 }
 
-// blades through elements of two tissues, one 40 times as stiff for its mass, at random: fragments share mass, moduli and what has relaxed of their
-// tetrahedra; the sub-step was found for all of them
+// Random blades through elements of two tissues, one 40 times as stiff per mass. Fragments share the mass, the moduli
+// and the relaxed stress of their tetrahedra. The sub-step was chosen for all fragments.
 struct EveryLaw : testing::TestWithParam<pliant_law> {};
 TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
 {
@@ -216,7 +217,7 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
         const pliant_dynamics after = bar.dynamics();
         expect_same(momentum, bar.momentum());
         EXPECT_LE(after.strain_energy + after.kinetic_energy, (before.strain_energy + before.kinetic_energy) * (1 + 1e-9));
-        double given = 0; // by chips, which move as another tetrahedron does from now on
+        double given = 0; // mass moved to other tetrahedra by chips
         for (size_t t = 0; t < densities.size(); t++) given = std::fmax(given, std::fabs(bar.densities()[t] - densities[t]));
         if (given < 1e-6) {
             EXPECT_NEAR(after.kinetic_energy, before.kinetic_energy, 1e-12 * before.kinetic_energy);
@@ -227,7 +228,7 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
         EXPECT_EQ(after.substeps, start.substeps);
         EXPECT_EQ(after.eigenvalue_bound, start.eigenvalue_bound);
         EXPECT_EQ(after.edge_bound, start.edge_bound);
-        // what its elements themselves allow
+        // the bound of the current elements alone
         pliant_body alone = *bar.data->body;
         alone.voxels = nullptr;
         pliant_tled_system own = *bar.data->tled->system;
@@ -239,14 +240,15 @@ TEST_P(EveryLaw, FragmentsTakeNoMomentumNoEnergyAndNoSubSteps)
     }
     EXPECT_GT(taken, 5);
     EXPECT_GT(without_chips, 3);
-    pliant_body load = *bar.model->body; // of whole elements alone it would have been longer than what came
+    // the bound of the whole elements alone would be longer than the bound of the fragments
+    pliant_body load = *bar.model->body;
     load.voxels = nullptr;
     pliant_tled_system whole = *bar.model->tled;
     ASSERT_EQ(pliant_tled_find_bounds(&load, &whole), PLIANT_OK);
     EXPECT_LT(least, whole.eigenvalue_bound);
 }
 
-// The same blades where tetrahedra are subdivided: nodes on edges that were cut move as the edges did there, smaller tetrahedra have relaxed as theirs had.
+// The same blades with subdivision. New nodes move with their edges, and smaller tetrahedra inherit the relaxed stress.
 TEST_P(EveryLaw, SmallerTetrahedraTakeNoMomentumAndGiveNoEnergy)
 {
     Swinging bar({{4000, 0.4, 1000, false}, {120000, 0.4, 750, false}}, [](int i, int j, int k) { return (i + j + k / 2) % 3 == 0; });
@@ -282,7 +284,8 @@ INSTANTIATE_TEST_SUITE_P(Laws, EveryLaw, testing::Values(PLIANT_LAW_NEO_HOOKEAN,
 // A cut takes at most this part of the kinetic energy.
 const double largest_loss = 1e-3;
 
-// A blade's strokes through a swinging bar of two tissues. Some hexahedra become tetrahedra, which are stiffer and have their mass elsewhere.
+// A blade's strokes through a swinging bar of two tissues. Some hexahedra become tetrahedra, which are stiffer and have
+// their mass elsewhere.
 struct Strokes : testing::TestWithParam<std::tuple<pliant_element_kind, int, double>> {};
 TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
 {
@@ -311,7 +314,7 @@ TEST_P(Strokes, TakeNoMomentumAndGiveNoEnergy)
         EXPECT_LE(after.strain_energy, before.strain_energy * (kind == PLIANT_LINEAR ? 1.0005 : 1.002)) << "stroke " << stroke;
         EXPECT_GE(after.kinetic_energy, (1 - largest_loss) * before.kinetic_energy) << "stroke " << stroke;
         EXPECT_EQ(after.substeps, start.substeps);
-        pliant_body alone = *bar.data->body; // what its elements themselves allow
+        pliant_body alone = *bar.data->body; // the bound of the current elements alone
         alone.voxels = nullptr;
         pliant_tled_system own = *bar.data->tled->system;
         ASSERT_EQ(pliant_tled_find_bounds(&alone, &own), PLIANT_OK);
@@ -369,7 +372,7 @@ struct Pieces : Swinging {
         for (int32_t n = 0; n < mesh.num_nodes; n++) part[n] = first(n);
         return part;
     }
-    // of each component: momentum, angular momentum about the origin, and what their terms add up to
+    // Return for each component: the momentum, the angular momentum about the origin, and the sums of the terms' sizes.
     std::map<int32_t, std::array<double, 8>> momenta(const std::vector<int32_t> &component) const
     {
         std::map<int32_t, std::array<double, 8>> out;
@@ -422,7 +425,7 @@ TEST(TledCarry, EveryComponentKeepsItsMomentum)
     }
 }
 
-// Ten cuts below falling pieces: their state is bitwise identical to that without cuts.
+// Ten cuts below falling pieces: the pieces' state is bitwise identical to the state without cuts.
 TEST(TledCarry, CutsElsewhereLeaveAFallingPieceAsItIs)
 {
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA}) {

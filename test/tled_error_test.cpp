@@ -1,4 +1,4 @@
-// The told error of a step of explicit dynamics against the truth, which is the same step with half of its sub-step.
+// The error estimate of a step of explicit dynamics. The true error comes from the same step with half of its sub-step.
 #include "fem/dynamics/tled.h"
 #include "pipeline/body.h"
 
@@ -8,10 +8,10 @@
 namespace
 {
 
-// the last four pull by a spring
+// the last four pull with a spring
 enum class Scene { SWING, DAMPED, PULL, BOTH, RELEASE, SOFT, STIFF, STIFFER, DAMPER };
 
-// a bar along z, its lower end fixed
+// A bar along z with a fixed lower end.
 struct Bar : Body {
     int tool = -1;
     Bar(Scene scene_kind, double safety, double step = 0.005)
@@ -46,7 +46,8 @@ struct Bar : Body {
     }
 };
 
-// The state of one for another with half of its sub-step: the velocity between the last increment and the next, as central differences have it.
+// Copy a state to a bar with half of the sub-step. As in central differences, the velocity lies between the last
+// increment and the next.
 void take(const Bar &from, const Bar &to)
 {
     pliant_tled &a = *from.data->tled, &b = *to.data->tled;
@@ -95,7 +96,8 @@ void take(const Bar &from, const Bar &to)
     }
 }
 
-// of a frame from the same state: told, of half of the sub-step told too, and true, which is 4/3 of how far the two are apart (Richardson)
+// Errors of a frame from the same state: the estimate, the estimate with half of the sub-step, and the true error. The
+// true error is 4/3 of the difference of the two frames (Richardson extrapolation).
 struct Errors {
     double told, told_of_half, truth;
 };
@@ -125,7 +127,7 @@ std::vector<Errors> run(Scene kind, double frame, double safety)
     return out;
 }
 
-// from frames that are short against every swing to those that are long
+// The frames range from much shorter than each oscillation to much longer.
 TEST(TledError, IsWithinAFactorOfThree)
 {
     int frames = 0, within = 0;
@@ -161,7 +163,7 @@ TEST(TledError, FallsWithTheSquareOfTheSubStep)
     }
 }
 
-// where nothing is known: at rest, of a single sub-step, of dynamic relaxation
+// The estimate is 0 at rest, for a single sub-step, and for dynamic relaxation.
 TEST(TledError, IsNoneWhereNothingMovesOrIsKnown)
 {
     Bar still(Scene::PULL, 0.9), single(Scene::SWING, 0.9);

@@ -9,7 +9,7 @@ TEST(Law, StressIsTheDerivativeOfTheEnergy)
 {
     Matrix shapes[4];
     shapes[0] << 1.1, 0.2, -0.1, 0.05, 0.9, 0.15, -0.2, 0.1, 1.2;
-    shapes[1] << 0.5, 0.1, 0, 0, 0.6, 0.1, 0.1, 0, 0.7; // J 0.21: beyond where 1 / J is as written
+    shapes[1] << 0.5, 0.1, 0, 0, 0.6, 0.1, 0.1, 0, 0.7; // J 0.21: below the range of the exact 1 / J
     shapes[2] << -0.8, 0.1, 0, 0.1, 1, 0.2, 0, 0.1, 0.9; // inverted
     shapes[3] = 3 * shapes[0];
     for (pliant_law law : laws)
@@ -50,7 +50,7 @@ double paper_stress(const Moduli &m, double a, double b, bool along)
     return m.mu * (1 - inverse) + m.lambda * j * (j - 1) * inverse;
 }
 
-// in every state of homogeneous strain: no force on inner nodes, and on the outer ones P N A, so that sum of f X' = V P
+// In homogeneous strain, inner nodes have no force, and outer nodes have P N A. So the sum of f X' is V P.
 void check_faces(const Body &body, const Matrix &f, const Matrix &stress, double edge)
 {
     put(body, f);
@@ -82,7 +82,7 @@ TEST_P(EveryKind, UniaxialBiaxialAndShearStressesHaveTheirClosedForms)
         body.scene.tled.law = law;
         ASSERT_EQ(body.build(), PLIANT_OK) << pliant_last_error();
         for (double stretch : {0.7, 1.4}) {
-            // across, so that nothing pulls at the sides: Newton's method by secants on the closed form
+            // Find the lateral stretch without lateral stress: the secant method on the closed form.
             double b = 1, old = 1.01, p[9];
             auto side = [&](double across) {
                 Matrix f = Eigen::Vector3d(across, across, stretch).asDiagonal();

@@ -5,8 +5,8 @@ namespace {
 
 INSTANTIATE_TEST_SUITE_P(Kinds, EveryKind, testing::Values(PLIANT_LINEAR, PLIANT_HEXAHEDRA));
 
-// Central differences keep 1/2 v M v + 1/2 u- K u of a linear body, v half way between: with energies W and forces F of both ends,
-// W = (W- + W) / 2 - d (F - F-) / 4.
+// For a linear body, central differences conserve 1/2 v M v + 1/2 u- K u, with v at the middle of the sub-step. From
+// the energies W and forces F at both ends: 1/2 u- K u = (W- + W) / 2 - d (F - F-) / 4.
 double discrete_energy(Bar &bar)
 {
     pliant_tled *tled = bar.data->tled;
@@ -38,10 +38,10 @@ TEST_P(EveryKind, KeepsItsEnergyOverAHundredThousandSteps)
 {
     Bar bar(2, 4, 0.08, {5e3, 0.4, 1000, false});
     bar.scene.solver.threads = 1;
-    bar.scene.tled.safety = 0.25; // what is kept exactly is another energy, dt^2 away: 0.35 % at 0.9
+    bar.scene.tled.safety = 0.25; // the conserved energy differs from the true one by dt^2: 0.35 % at 0.9
     ASSERT_EQ(bar.build(), PLIANT_OK) << pliant_last_error();
     pliant_tled *tled = bar.data->tled;
-    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) { // pushed aside, by up to 1 mm
+    for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) { // deflected by up to 1 mm
         double part = bar.model->body->fine.rest[3 * n + 2] / 0.08;
         tled->u[3 * n] = 0.001 * part * part;
     }
@@ -61,7 +61,7 @@ TEST_P(EveryKind, KeepsItsEnergyOverAHundredThousandSteps)
     EXPECT_LT(drift, 1e-3);
 }
 
-// A spring that sub-steps can follow takes next to none of what swings; none gives any, up to one that is rigid.
+// A spring that the sub-steps can resolve takes almost no energy. No spring adds energy, not even a rigid one.
 TEST_P(EveryKind, ASpringOfAnyStiffnessGivesNoEnergy)
 {
     for (double stiffness : {5.0, 2e3, 5e4, 1e9}) {
@@ -77,7 +77,7 @@ TEST_P(EveryKind, ASpringOfAnyStiffnessGivesNoEnergy)
         ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, PLIANT_DRIVE_SPRING, nullptr), PLIANT_OK);
         ASSERT_EQ(pliant_tool_set_spring(bar.data, tool, stiffness, 0), PLIANT_OK);
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
-        for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) // pushed
+        for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) // an initial velocity
             tled->d[3 * n] = 2e-5 * bar.model->body->fine.rest[3 * n + 2] / 0.08;
         double first = 0, last = 0, most = 0;
         for (int64_t steps = 0; steps < 10000; steps += tled->substeps) {
@@ -99,7 +99,7 @@ TEST_P(EveryKind, ASpringOfAnyStiffnessGivesNoEnergy)
 
 TEST_P(EveryKind, AWaveRunsAlongABarAtTheSpeedOfSound)
 {
-    // no Poisson ratio: a bar is one-dimensional, c = sqrt(E / rho) = 2 m/s
+    // Without a Poisson ratio the bar is one-dimensional: c = sqrt(E / rho) = 2 m/s.
     Bar bar(1, 60, 0.3, {4e3, 0.0, 1000, false}, false);
     bar.fix_plane(0, 0, 0.3 - 1e-6, 0, 0, -1); // the far end
     bar.scene.solver.step = 5e-4;
@@ -109,7 +109,7 @@ TEST_P(EveryKind, AWaveRunsAlongABarAtTheSpeedOfSound)
     const double tip[3] = {0.0025, 0.0025, 1e-4}, push[3] = {0, 0, 1e-4};
     bar.data->tools[tool].radius = 0;
     ASSERT_EQ(pliant_tool_grasp(bar.model, bar.data, tool, tip), PLIANT_OK) << pliant_last_error();
-    // even over the end face
+    // a uniform load on the end face
     pliant_tool &held = bar.data->tools[tool];
     pliant_free(held.held);
     pliant_free(held.weight);
@@ -122,7 +122,7 @@ TEST_P(EveryKind, AWaveRunsAlongABarAtTheSpeedOfSound)
         ASSERT_NEAR(bar.model->body->fine.rest[3 * n + 2], 0, 1e-9);
     }
     ASSERT_EQ(pliant_tool_set_drive(bar.data, tool, PLIANT_DRIVE_FORCE, push), PLIANT_OK);
-    // behind the front everything moves at v = sigma / (rho c); the middle has half of it when the front is there
+    // Behind the front, everything moves at v = sigma / (rho c). The speed is half of it at the front's middle.
     double speed = 1e-4 / (0.005 * 0.005) / (1000 * 2), arrival[2] = {0, 0}, last[2] = {0, 0};
     for (double t = 0; t < 0.14; t += bar.scene.solver.step) {
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
@@ -140,8 +140,8 @@ TEST_P(EveryKind, AWaveRunsAlongABarAtTheSpeedOfSound)
 
 TEST_P(EveryKind, FallsFreelyAndBouncesOffThePlane)
 {
-    // a column of zero Poisson ratio is one-dimensional: it stays on the plane while a wave runs up and down, 2 L / c, and leaves as
-    // fast as it came
+    // A column with zero Poisson ratio is one-dimensional. It stays on the plane while a wave runs up and down, for 2 L
+    // / c. Then it leaves at its impact speed.
     const double length = 0.1, sound = 20, drop = 0.02, g = 9.81;
     Bar bar(1, 40, length, {4e5, 0.0, 1000, false}, false);
     bar.scene.ground.normal[2] = 1;
@@ -159,7 +159,7 @@ TEST_P(EveryKind, FallsFreelyAndBouncesOffThePlane)
         return sum / mass - 0.5 * length;
     };
     for (; t < 0.95 * landing; t += 1e-3) ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK);
-    // by increments: d = g dt^2 each step, n (n + 1) / 2 of them
+    // the increment grows by g dt^2 per step, so n steps give n (n + 1) / 2 of it
     double dt = bar.data->tled->time_step;
     EXPECT_NEAR(mean_height(), -0.5 * g * t * (t + dt), 1e-9);
     double top = -INFINITY, deepest = 0;
@@ -168,14 +168,15 @@ TEST_P(EveryKind, FallsFreelyAndBouncesOffThePlane)
         deepest = std::fmin(deepest, mean_height());
         if (t > 1.2 * landing) top = std::fmax(top, mean_height());
     }
-    // squashed by v / c of its length; then up to where it came from, but for what still rings in it
+    // It is compressed by v / c of its length. Then it returns to its start, except for the remaining oscillation.
     EXPECT_NEAR(-drop - deepest, 0.5 * length * g * landing / sound, 0.3 * 0.5 * length * g * landing / sound);
     EXPECT_GT(top, -0.1 * drop);
     EXPECT_LT(top, 1e-4);
     for (int32_t n = 0; n < bar.model->body->fine.num_nodes; n++) EXPECT_GT(bar.data->positions[3 * n + 2], -drop - 1e-9);
 }
 
-// On a plane with friction f, under gravity along and into it, a block gains  g_along - f g_into  along the plane, or stays.
+// On a plane with friction f, under gravity along and into it, a block gains  g_along - f g_into  along the plane, or
+// stays.
 TEST_P(EveryKind, ABlockSlidesOnThePlaneAsCoulombSays)
 {
     const double along = 2, into = 5;
@@ -239,7 +240,8 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
         pliant_dynamics told;
         ASSERT_EQ(pliant_data_get_dynamics(bar.model, bar.data, &told), PLIANT_OK);
         double bound = std::fmin(told.edge_bound, told.eigenvalue_bound);
-        // a whole number of sub-steps a frame rounds the step down: take a frame of exactly so many
+        // The step is rounded down to a whole number of sub-steps per frame. So the test uses a frame of exactly that
+        // length.
         bar.scene.solver.step = 80 * safety * bound;
         ASSERT_EQ(bar.build(), PLIANT_OK);
         EXPECT_NEAR(bar.data->tled->time_step, safety * bound, 1e-6 * bound);
@@ -256,7 +258,7 @@ TEST_P(EveryKind, StableBelowTheBoundAndCaughtAboveIt)
         EXPECT_EQ(status, PLIANT_ERROR_NUMERIC);
         EXPECT_NE(std::string(pliant_last_error()).find("faster than sound"), std::string::npos) << pliant_last_error();
         EXPECT_TRUE(std::equal(before.begin(), before.end(), bar.data->positions));
-        EXPECT_LT(bar.data->statistics.iterations, 40); // it ends where it is caught: not after the whole frame
+        EXPECT_LT(bar.data->statistics.iterations, 40); // the step ends at the error, not at the end of the frame
     }
 }
 
@@ -289,7 +291,7 @@ TEST_P(EveryKind, AFrameThatIsRolledBackLeavesNothingBehind)
         shear(0, 2) = 0.05;
         put(bar, shear); // the rollback must keep the relaxed stress
         ASSERT_EQ(pliant_step(bar.model, bar.data), PLIANT_OK) << pliant_last_error();
-        // as fast as 0.6 of an edge in a sub-step: half of an edge is the limit
+        // at a speed of 0.6 of an edge per sub-step: half of an edge is the limit
         const double fast = 0.006, speed = fast / tled.time_step;
         for (int32_t n = 0; n < mesh.num_nodes; n++) tled.d[3 * n + 1] = fast;
         if (halved) {
@@ -328,7 +330,7 @@ TEST(Tled, SmallStrainsGiveTheCorotationalAnswer)
     corotational.scene.solver.kind = PLIANT_COROTATIONAL;
     quiet.scene.tled.quasi_static = true;
     quiet.scene.tled.relaxation_steps = 2000;
-    quiet.scene.solver.tolerance = 1e-4; // of so small a load, single precision leaves 3e-5
+    quiet.scene.solver.tolerance = 1e-4; // at so small a load, single precision leaves 3e-5
     ASSERT_EQ(quiet.build(), PLIANT_OK) << pliant_last_error();
     ASSERT_EQ(corotational.build(), PLIANT_OK);
     ASSERT_EQ(quiet.settle(), PLIANT_OK) << quiet.data->statistics.residual;
@@ -364,8 +366,9 @@ TEST_P(EveryKind, ShearStressRelaxesAsThePronySeriesSays)
     }
 }
 
-// The mode +-1 of all three axes, amplitude a along each axis in turn: the deviatoric energy of the trilinear displacement, mean over the axes, is
-// V mu a^2 20/81 (1/h_x^2 + 1/h_y^2 + 1/h_z^2). A corner's force is its derivative, over the eight corners that move alike.
+// The hourglass mode has +-1 in all three axes, with amplitude a along one axis. The deviatoric energy of the trilinear
+// field, averaged over the axes, is V mu a^2 20/81 (1/h_x^2 + 1/h_y^2 + 1/h_z^2). A corner's force is the derivative of
+// this energy, divided among the eight corners.
 TEST(Tled, AHexahedronsTwistCostsTheDeviatoricEnergyOfItsTrilinearField)
 {
     const int size[3] = {2, 2, 2};
@@ -413,7 +416,8 @@ double deflection(double poisson, bool nodal)
     return sum;
 }
 
-// Stretched by e along its axis alone, a bar of one material has the stress (lambda + 2 mu) e, with pressures at nodes as with those of elements.
+// A uniaxial stretch e of a homogeneous bar has the stress (lambda + 2 mu) e, with nodal pressures and with element
+// pressures.
 TEST(Tled, NodalPressureOfAUniformStretchIsThatOfTheMaterial)
 {
     for (double poisson : {0.3, 0.49}) {
@@ -436,8 +440,8 @@ TEST(Tled, NodalPressureOfAUniformStretchIsThatOfTheMaterial)
 
 TEST(Tled, NodalPressureUnlocks)
 {
-    // a slender bar bends by its Young's modulus alone: what it loses on the way to 0.499 is locking, and
-    // on so coarse a mesh the pressure at nodes gives a third of that back
+    // The deflection of a slender bar depends on its Young's modulus only, so the loss towards 0.499 is locking. On so
+    // coarse a mesh, nodal pressures recover a third of the loss.
     double plain = deflection(0.3, false), locked = deflection(0.499, false), nodal = deflection(0.499, true);
     RecordProperty("locked", std::to_string(locked / plain));
     RecordProperty("nodal", std::to_string(nodal / plain));
@@ -614,17 +618,19 @@ Swing swing_of_beam(double poisson, double mass, double by_mass, double by_stiff
     return {3 / (times[7] - times[1]), fall / std::sqrt(M_PI * M_PI + fall * fall), 0.015 - 0.25 * (values[5] + 2 * values[6] + values[7])};
 }
 
-// Damping in proportion to stiffness, fitted on the beam alone, is right with a weight on it: the ratio goes with the frequency. That in
-// proportion to mass goes against it. The weight swings as a mass does: by Dunkerley 1 / w^2 is the beam's and, of its own, mass over stiffness,
-// which is how far it sags over gravity.
+// Damping proportional to stiffness, fitted to the beam alone, is also right with a weight: its ratio is proportional
+// to the frequency. Damping proportional to mass has the inverse relation. The weight has the inertia of its mass. By
+// Dunkerley, 1 / w^2 is the sum of the beam's value and of mass over stiffness. The latter is the sag divided by
+// gravity.
 TEST(Tled, DampingAndMassTransferFromTheBeamAloneToOneWithAWeight)
 {
     const double seconds = 2e-3, weight = 0.05;
     Swing alone = swing_of_beam(0.45, 0, 0, seconds), hung = swing_of_beam(0.45, weight, 0, seconds);
     std::printf("beam alone %.2f Hz, ratio %.4f; with 50 g %.2f Hz, ratio %.4f\n", alone.frequency, alone.ratio, hung.frequency, hung.ratio);
-    Swing shear = swing_of_beam(0, 0, 0, seconds); // without volumetric stiffness, all of it damps
+    Swing shear = swing_of_beam(0, 0, 0, seconds); // no volumetric stiffness, so all stiffness contributes damping
     EXPECT_NEAR(shear.ratio, M_PI * shear.frequency * seconds, 0.02 * shear.ratio);
-    EXPECT_NEAR(alone.ratio, 0.9 * M_PI * alone.frequency * seconds, 0.05 * alone.ratio); // the rest of tetrahedra that lock is volumetric
+    // the rest is volumetric stiffness of tetrahedra that lock
+    EXPECT_NEAR(alone.ratio, 0.9 * M_PI * alone.frequency * seconds, 0.05 * alone.ratio);
     EXPECT_NEAR(hung.ratio / alone.ratio, hung.frequency / alone.frequency, 0.02);
     EXPECT_LT(hung.frequency, 0.7 * alone.frequency);
     auto period = [](const Swing &swing) { return 1 / (4 * M_PI * M_PI * swing.frequency * swing.frequency); };
@@ -634,7 +640,8 @@ TEST(Tled, DampingAndMassTransferFromTheBeamAloneToOneWithAWeight)
     EXPECT_GT(by_mass.frequency, by_mass_hung.frequency);
 }
 
-// The bound of the sub-step holds with that damping: just below it a stiff start dies away, well above it the run ends in an error.
+// The bound of the sub-step includes this damping. Below it a stiff initial motion decays, and far above it the run
+// ends in an error.
 TEST_P(EveryKind, SubStepsAreStableWithDampingByStiffness)
 {
     for (double safety : {0.99, 2.5}) {
@@ -655,7 +662,8 @@ TEST_P(EveryKind, SubStepsAreStableWithDampingByStiffness)
     }
 }
 
-// A tool's mass is a weight where nothing swings: by dynamic relaxation as by the corotational solver, for a spring as for a free weight.
+// A tool's mass is also a weight in quasi-statics. Dynamic relaxation and the corotational solver agree, for a spring
+// and for a free weight.
 TEST(Tled, AMassWeighsInQuasiStaticsToo)
 {
     double sags[2][2];
@@ -688,9 +696,9 @@ TEST(Tled, AMassWeighsInQuasiStaticsToo)
     EXPECT_LT(sags[0][0], sags[0][1]);
 }
 
-// Nearly incompressible and under ten times gravity, where stiff and soft motions are far apart: it settles, in a tenth of the 300,000 sub-steps that
-// damping by Rayleigh's quotient alone does not settle in. Hexahedra turn by half a right angle in it, where a change of volume in single precision leaves
-// four times the tolerance.
+// Nearly incompressible tissue under ten times gravity has very different stiff and soft modes. It converges in a tenth
+// of 300,000 sub-steps. With damping by Rayleigh's quotient alone, 300,000 sub-steps do not converge. The hexahedra
+// rotate by 45 degrees, where volume changes in single precision have an error of four times the tolerance.
 TEST(Tled, RelaxesNearlyIncompressibleTissueUnderALargeLoad)
 {
     for (int which = 0; which < 3; which++) {

@@ -1,4 +1,4 @@
-// Tools: what they are called, what they find where they take hold, and what is said about it.
+// Tests of tools: names, grasps and messages.
 #include "pipeline/body.h"
 
 #include "state/data.h"
@@ -104,8 +104,8 @@ TEST_F(Tool, ALoadBeyondDoublePrecisionNamesWhatMayBeWrong)
     for (const char *word : {"model/gravity", "material table", "grasp/stiffness", "forces"}) EXPECT_NE(message.find(word), std::string::npos) << message;
 }
 
-// A point on the surface is held by the tissue below it, above which there are cells of air, and also where single precision of a scan's
-// header has moved the surface by a ten millionth.
+// The tissue below a surface point holds it, although air cells lie above. This also holds if single precision of a
+// scan's header has moved the surface by 1e-7.
 TEST(ToolOnAFace, APointIsHeldOnEverySide)
 {
     const int voxels[3] = {20, 20, 20};
@@ -131,7 +131,8 @@ TEST(ToolOnAFace, APointIsHeldOnEverySide)
     EXPECT_EQ(pliant_tool_grasp(air.model, air.data, index, off), PLIANT_ERROR_ARGUMENT);
 }
 
-// stiff tissue: what a grip by a spring takes is bounded in every step, quasi-static or not, and it ends where the tissue has slipped out
+// In stiff tissue, the force of a spring grip is limited in every step, quasi-static or dynamic. The grip ends when the
+// tissue has slipped out.
 TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
 {
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
@@ -157,14 +158,14 @@ TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
             most = std::max(most, std::fabs(state.force[2]));
             holding = state.holding;
         }
-        EXPECT_LT(most, 0.55); // the held point springs back a little within a step
+        EXPECT_LT(most, 0.55); // the held point springs back slightly within a step
         EXPECT_GT(most, 0.3);
-        EXPECT_GT(steps, 20); // 12 mm, the blob's width, in half millimetres
+        EXPECT_GT(steps, 20); // 12 mm, the width of the grasped region, in steps of 0.5 mm
         EXPECT_LT(steps, 60);
         EXPECT_EQ(state.force[2], 0);
 
         ASSERT_EQ(pliant_tool_grasp(stiff.model, stiff.data, tool, held), PLIANT_OK);
-        const double far[3] = {0.36, 0.06, 0.11}; // one that teleports
+        const double far[3] = {0.36, 0.06, 0.11}; // a sudden jump
         ASSERT_EQ(pliant_tool_set_pose(stiff.data, tool, far, nullptr), PLIANT_OK);
         ASSERT_GE(pliant_step(stiff.model, stiff.data), 0);
         ASSERT_EQ(pliant_tool_get(stiff.data, tool, &state), PLIANT_OK);
@@ -173,7 +174,7 @@ TEST(Slip, AGripGivesWayAtItsForceAndIsLostOnceItHasSlippedOut)
     }
 }
 
-// A block that one tool holds, and perhaps another, pulled by the first one.
+// A block held by one tool, and optionally by a second tool. The first one pulls it.
 struct Pulled : Body {
     int tool = -1;
     double tip[3] = {0.06, 0.06, 0.11};
@@ -195,7 +196,7 @@ struct Pulled : Body {
         EXPECT_EQ(pliant_tool_add(model, data, "two", &second), PLIANT_OK);
         EXPECT_EQ(pliant_tool_grasp(model, data, second, other), PLIANT_OK) << pliant_last_error();
     }
-    // its wrench there, once nothing changes any more
+    // Return the wrench at this pose after it has become constant.
     void wrench_at(const double to[3], double out[6], int steps = 6)
     {
         pliant_tool_linear linear{};
@@ -204,7 +205,8 @@ struct Pulled : Body {
         ASSERT_EQ(pliant_tool_linearize(data, tool, &linear), PLIANT_OK) << pliant_last_error();
         std::copy(linear.wrench, linear.wrench + 6, out);
     }
-    // the largest difference of its stiffness from what its own force does, over the largest entry of that
+    // Return the largest difference between the reported and the measured stiffness, divided by the largest measured
+    // entry.
     double off()
     {
         pliant_tool_linear linear{};
@@ -248,8 +250,8 @@ TEST(Linear, StiffnessIsWhatTheForceDoes)
     Pulled pulled(as_it_is);
     pulled.tip[2] += 0.003;
     pulled.tip[0] += 0.0015;
-    EXPECT_LT(pulled.off(), 0.1); // the factor is that at rest
-    // a damper resists what changes within a step
+    EXPECT_LT(pulled.off(), 0.1); // the factor belongs to the rest shape
+    // a damper adds stiffness within a step
     Pulled with(damped), without(as_it_is);
     pliant_tool_linear stiff{}, soft{};
     double wrench[6];
@@ -260,7 +262,8 @@ TEST(Linear, StiffnessIsWhatTheForceDoes)
     EXPECT_GT(stiff.stiffness[0], 1.02 * soft.stiffness[0]);
 }
 
-// how far off the next force is that is foreseen, over how much it changes; alone: by the factor, without secants
+// Return the error of the predicted next force, divided by the force's change. alone: predict by the factor, without
+// secants.
 double foresight(Pulled &pulled, bool by_secants, bool alone = false)
 {
     pliant_tool_linear linear{};

@@ -1,4 +1,4 @@
-// The error of a mesh, estimated from three resolutions, against the true one of a beam whose converged sag is known.
+// The error of a mesh, estimated from three resolutions, against the true error of a beam with known converged sag.
 #include "pipeline/beam.h"
 
 #include "pliant/report.h"
@@ -7,7 +7,7 @@
 
 namespace {
 
-// u = 1 + h^p at one point, for three h
+// u = 1 + h^p at one point, for three values of h
 TEST(Truth, ExtrapolatesWithTheMeanOfTheOrderThatIsSeenAndTheory)
 {
     const uint8_t use[2] = {1, 0};
@@ -31,21 +31,23 @@ struct ReportedBeam : Beam {
     {
         input = {&scene, &scan, nullptr, &table};
         pliant_sweep_defaults(&scene, &sweep);
-        sweep.cases = 1u << 4; // its own gravity
+        sweep.cases = 1u << 4; // the beam's own gravity
         EXPECT_EQ(pliant_report_open(nullptr, &tables), PLIANT_OK);
     }
     ~ReportedBeam() { pliant_report_close(&tables); }
     std::string cell(const char *name) { return pliant_results_cell(tables.truth, 0, pliant_results_column(tables.truth, name)); }
 };
 
-// Converged sags of quadratic hexahedra, neo-Hookean: 6.87 mm at nu 0.45, 6.75 mm at 0.499; what corotational elements converge to is farther at 0.499,
-// where hexahedra of 2.5 mm sag by 6.757 mm and still by 0.07 mm more than those of 5 mm: 6.80 mm. The tip moves farthest, and is farthest off.
+// The converged sag of quadratic neo-Hookean hexahedra is 6.87 mm at nu 0.45, and 6.75 mm at 0.499. Corotational
+// elements converge to a larger sag at 0.499. There, hexahedra of 2.5 mm give 6.757 mm, which is 0.07 mm more than
+// hexahedra of 5 mm. The extrapolated value is 6.80 mm. The tip has the largest motion and the largest error.
 TEST(Truth, ErrorOfABeamsMeshIsEstimatedWithinAFactorOfOnePointThree)
 {
     const double poisson[2] = {0.45, 0.499}, converged[2] = {6.87e-3, 6.80e-3};
     for (pliant_element_kind kind : {PLIANT_LINEAR, PLIANT_HEXAHEDRA})
         for (int n = 0; n < 2; n++) {
-            const int across = (kind == PLIANT_LINEAR) == (n == 0) ? 6 : 3; // every pair of kind, nu and size once
+            // each kind with both values of nu, each with one size
+            const int across = (kind == PLIANT_LINEAR) == (n == 0) ? 6 : 3;
             ReportedBeam beam(kind, poisson[n], across);
             pliant_truth worst;
             ASSERT_EQ(pliant_truth_run(&beam.input, &beam.sweep, &beam.tables, {nullptr, nullptr}, &worst), PLIANT_OK) << pliant_last_error();

@@ -1,4 +1,4 @@
-// Voxels of a body: who owns them, and which hang together, against what the definitions say one by one.
+// The owners and the connectivity of a body's voxels, against the definitions.
 #include "pipeline/body.h"
 #include "pliant/memory.h"
 
@@ -51,7 +51,7 @@ struct Voxels : testing::Test {
             if (place[d] < 0 || place[d] >= size[d]) return false;
         return true;
     }
-    // the link between neighbours along one axis
+    // Return whether the link between two neighbours along one axis is intact.
     bool joins(const int a[3], const int b[3]) const
     {
         for (int d = 0; d < 3; d++) {
@@ -60,7 +60,7 @@ struct Voxels : testing::Test {
         }
         return true;
     }
-    // every voxel of a tetrahedron with every other, by the words of the definition; bridges where asked
+    // Return the connected parts of a tetrahedron's voxels by testing all pairs, with or without bridges.
     std::vector<int> parts(int32_t tet, bool bridges) const
     {
         std::vector<int32_t> all;
@@ -131,7 +131,7 @@ TEST_F(Voxels, AreOwnedByTheTetrahedraThatHoldTheirCentres)
         count[owner]++;
         pliant_mesh_barycentric(&load.fine, owner, world, weights);
         EXPECT_GT(*std::min_element(weights, weights + 4), -1e-9);
-        for (int32_t t = 0; t < load.fine.num_tets; t++) { // on a face with the central one, that owns it
+        for (int32_t t = 0; t < load.fine.num_tets; t++) { // on a common face, the central tetrahedron is the owner
             if (t == owner || load.fine.lattice_of_tet[t] / 5 != load.fine.lattice_of_tet[owner] / 5 || load.fine.lattice_of_tet[t] % 5 != 0) continue;
             pliant_mesh_barycentric(&load.fine, t, world, weights);
             EXPECT_LT(*std::min_element(weights, weights + 4), 1e-9);
@@ -192,7 +192,7 @@ TEST_F(Voxels, FragmentsAreWhatSeveredLinksLeave)
 {
     make(4, 3, 5);
     std::mt19937 random(7);
-    // a plane, then single links at random
+    // a plane, then random single links
     int32_t most = 0;
     for (int trial = 0; trial < 4; trial++) {
         const double normal[3] = {0.3 + trial, 1.0, -0.7}, offset = 0.5 * ((0.3 + trial) * size[0] + size[1] - 0.7 * size[2]) + 0.3;
@@ -237,7 +237,7 @@ TEST_F(Voxels, AreSharedByBodiesEachWithItsCuts)
     EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 2001, 2002));
     EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101 + size[0], 101));
     EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101 + size[0], 100 + size[0]));
-    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 101 + size[0])); // both ways begin with a link that is severed
+    EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 101 + size[0])); // both paths begin with a severed link
     EXPECT_TRUE(pliant_voxels_joined(voxels, next->cuts, 101, 100 + size[0])); // by 101 + size[0]
     EXPECT_FALSE(pliant_voxels_joined(voxels, next->cuts, 100, 102));
     next->cuts->link[0]--;
@@ -247,7 +247,7 @@ TEST_F(Voxels, AreSharedByBodiesEachWithItsCuts)
     EXPECT_EQ(pliant_memory_in_use(), before);
 }
 
-// Two blocks that share an edge of the lattice only: a bridge, and only there.
+// Two blocks that share an edge of the lattice only: they have bridges only there.
 TEST_F(Voxels, HingesHaveBridges)
 {
     const int many[3] = {20, 20, 10};

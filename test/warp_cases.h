@@ -24,7 +24,7 @@ inline pliant_geometry box_geometry(int32_t x, int32_t y, int32_t z)
     return {{x, y, z}, {-0.02, 0.03, 0.1}, {0.001, 0.0015, 0.002}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 }
 
-// axes turned by an angle about an oblique axis; mirrored: left-handed
+// Rotate the axes by an angle about an oblique axis. mirrored: left-handed.
 inline void turn(pliant_geometry &geometry, double angle, bool mirrored)
 {
     const double n[3] = {1 / 3.0, -2 / 3.0, 2 / 3.0}, c = std::cos(angle), s = std::sin(angle);
@@ -51,7 +51,7 @@ inline double stored(const pliant_volume &volume, size_t v)
     }
 }
 
-// a smooth texture with some noise; float voxels also hold negative zeros
+// A smooth texture with some noise. Float voxels also contain negative zeros.
 inline volume_ptr make_scan(const pliant_geometry &geometry, pliant_encoding encoding, double noise = 30)
 {
     volume_ptr scan(new pliant_volume());
@@ -100,7 +100,7 @@ inline positions moved(const pliant_mesh &mesh, const std::function<vector3(cons
     return out;
 }
 
-// waves of the given height [m]; with 4 mm and more some tetrahedra of the meshes here turn inside out
+// Waves of the given height [m]. From 4 mm on, some tetrahedra of these meshes are inverted.
 inline positions waves(const pliant_mesh &mesh, double height, double phase = 0)
 {
     return moved(mesh, [&](const vector3 &x) {

@@ -1,4 +1,4 @@
-// The warp from update to update: against a fresh one, and against itself.
+// Updates of a warp, against a new warp and against itself.
 #include "pliant/memory.h"
 #include "warp_cases.h"
 
@@ -40,7 +40,7 @@ TEST(warp, does_not_depend_on_the_number_of_threads)
     }
 }
 
-// whether every voxel that differs lies in a brick reported as changed
+// Return whether every different voxel lies in a brick that was reported as changed.
 bool reported(const pliant_warp *warp, const std::vector<uint8_t> &before, const std::vector<uint8_t> &after,
               size_t voxel)
 {
@@ -90,7 +90,7 @@ TEST(warp, redoing_what_changed_equals_redoing_all)
             size_t node = size_t(some(random));
             for (size_t d = 0; d < 3; d++) x[3 * node + d] = mesh->rest[3 * node + d] + (round % 7 ? by(random) : 0);
         }
-        if (round % 13 == 12) x = waves(*mesh, 0.03); // a tangle: tetrahedra across many bricks
+        if (round % 13 == 12) x = waves(*mesh, 0.03); // random inversions: tetrahedra across many bricks
         if (round % 13 == 0) x = rest_of(*mesh);
         ASSERT_EQ(pliant_warp_update(warp.get(), x.data()), PLIANT_OK);
         auto after = bytes_of(*pliant_warp_volume(warp.get()));
@@ -159,12 +159,12 @@ TEST(warp, without_memory_for_its_lists_draws_in_parts)
     auto scan = make_scan(geometry, PLIANT_INT16);
     auto mesh = make_mesh(geometry, 4, 4, 4);
     size_t in_use = pliant_memory_in_use();
-    // first all in the middle, where few bricks are touched; then everywhere, which takes a longer list
+    // First, all tissue is in the middle and touches few bricks. Then it is everywhere, which needs a longer list.
     auto spread = waves(*mesh, 0.002), small = moved(*mesh, [](const vector3 &p) {
         return vector3{0.2 * p[0], 0.06 + 0.2 * (p[1] - 0.06), 0.14 + 0.2 * (p[2] - 0.14)};
     }), nudged = small;
     nudged[3 * 62] += 0.003;
-    // without memory a warp is not made; one that is made draws all that it is asked for
+    // Without memory, the creation of a warp fails. A created warp draws every update.
     int made = 0, not_made = 0;
     for (int64_t calls = 0; calls < 24; calls++) {
         pliant_warp *warp = nullptr;

@@ -166,7 +166,7 @@ TEST(Write, AFullDiskKeepsTheOldFile)
     for (size_t n = 0; n < 64 * 64 * 64; n++) static_cast<int16_t *>(volume->voxels)[n] = int16_t((random = random * 1664525 + 1013904223) >> 16);
     for (const char *name : {"scan.nii", "scan.nii.gz", "scan.nrrd", "scan.mha"}) save(folder / name, "old");
 
-    /* a limit on the size of a file fails as a full disk does */
+    /* a limit on the file size fails like a full disk */
     struct rlimit before, small;
     ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
     small = before;
