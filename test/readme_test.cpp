@@ -35,6 +35,7 @@ const std::vector<Document> DOCUMENTS = {
     {"src/README.md", 250},
     {"src/contact/README.md", 250},
     {"src/cut/README.md", 250},
+    {"src/examples/README.md", 250},
     {"src/programs/README.md", 250},
     {"src/python/README.md", 250},
     {"src/report/README.md", 250},
@@ -276,7 +277,8 @@ TEST(Readme, NothingIsLeftOut)
         {"launch/README.md", "launch/*.launch", ".launch"},
         {"launch/README.md", "launch/materials/totalsegmentator*.yaml", ".yaml"},
         {"src/programs/README.md", "src/programs/*_main.c", "_main.c"},
-        {"src/python/README.md", "src/examples/*.py", ".py"},
+        {"src/examples/README.md", "src/examples/*.py", ".py"},
+        {"src/examples/README.md", "src/examples/*.c", ".c"},
     };
     for (const auto &subject : subjects) {
         const std::string text = read(root + subject.document);
