@@ -279,7 +279,7 @@ std::vector<std::string> files_of(const std::string &pattern)
 TEST(Readme, NamesExist)
 {
     const std::regex name("\\bpliant_[a-z_]+\\b");
-    std::set<std::string> known = {"pliant_msgs", "pliant_node"}; /* of launch/ros2_messages, and of src/ros/CMakeLists.txt */
+    std::set<std::string> known = {"pliant_msgs", "pliant_node"}; /* ros2_messages, CMakeLists.txt */
     for (const char *pattern : {"include/pliant/*.h", "src/*/*.h", "src/*/*/*.h", "src/*/*.c", "src/*/*/*.c",
                                 "src/*/CMakeLists.txt", "src/cmake/*", "cuda/*/*.cu", "cuda/*/*/*.cu"})
         for (const std::string &path : files_of(pattern)) {
