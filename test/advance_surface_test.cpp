@@ -3,7 +3,7 @@
 #include "advances.h"
 #include "base/rotate.h"
 #include "contact/shapes/shapes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <functional>

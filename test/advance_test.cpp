@@ -2,6 +2,7 @@
 // computes the sampled distances.
 #include "advances.h"
 #include "contact/shapes/shapes.h"
+#include "contact/shapes/tool_shape.h"
 #include "solids.h"
 
 #include <cstdlib>

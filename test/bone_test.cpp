@@ -1,8 +1,11 @@
 // Nodes on the surface of bone: their positions, the quality of the tetrahedra, the assignment of voxels, and the
 // effect on the error.
+#include "base/memory.h"
+#include "fem/element/scalar.h"
+#include "mesh/mesh.h"
 #include "pipeline/body.h"
 #include "state/data.h"
-#include "pliant/report.h"
+#include "report/report.h"
 
 #include <algorithm>
 #include <array>

@@ -4,7 +4,7 @@
 #include "blocks.h"
 #include "pipeline/body.h"
 #include "pipeline/fragments.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/build/discretization.h"
 
 #include <memory>

@@ -2,7 +2,7 @@
 #include "pipeline/body.h"
 
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/choice.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 /* Tests of the classification of voxels against a plain reading of the rule: the label if there is one, else the
  * range. */
 #include "pliant/material.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <gtest/gtest.h>
 

@@ -2,7 +2,7 @@
 // part, and carry the contact area.
 #include "contact/detect/find.h"
 #include "pipeline/body.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "solids.h"
 
 #include <cstdlib>

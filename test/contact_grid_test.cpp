@@ -1,7 +1,7 @@
 // Tests of the overlap search in a deformed mesh, against a test of all pairs.
 #include "contact/detect/grid.h"
 #include "contact/detect/overlap.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <gtest/gtest.h>
 

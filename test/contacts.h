@@ -4,7 +4,7 @@
 
 #include "pipeline/body.h"
 #include "backend/backend.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 struct Obstacle {
     enum Kind { HALF_SPACE, SPHERE, PUNCH } kind;

@@ -3,7 +3,7 @@
 #ifndef PLIANT_TEST_CUT_CASES_H
 #define PLIANT_TEST_CUT_CASES_H
 
-#include "pliant/body.h"
+#include "topology/body.h"
 #include "warp_cases.h"
 
 #include <map>

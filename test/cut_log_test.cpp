@@ -1,4 +1,5 @@
 // A body's log of cuts reproduces the body from the body at load.
+#include "base/memory.h"
 #include "cuts.h"
 
 namespace {

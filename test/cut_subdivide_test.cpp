@@ -1,8 +1,11 @@
 // Tests of cuts that subdivide tetrahedra (cut/kind: subdivide): the mesh, the simulation state, and unsupported
 // combinations.
+#include "backend/dynamics.h"
+#include "base/memory.h"
 #include "cuts.h"
-#include "pliant/surface.h"
-#include "pliant/warp.h"
+#include "mesh/mesh.h"
+#include "topology/visible_surface.h"
+#include "warp/warp.h"
 #include "state/model.h"
 
 #include <array>

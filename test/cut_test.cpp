@@ -1,6 +1,7 @@
 // Tests of cuts of a body: the severed links and the next body.
 #include "cuts.h"
 #include "cut/work.h"
+#include "mesh/mesh.h"
 
 #include <array>
 

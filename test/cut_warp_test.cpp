@@ -1,9 +1,10 @@
 // The deformed volume of a cut body: against the scan, against each side interpolated separately, and from body to
 // body.
 #include "cut_cases.h"
-#include "pliant/memory.h"
-#include "pliant/pick.h"
+#include "base/memory.h"
+#include "tool/pick.h"
 #include "warp/state.h"
+#include "warp/warp.h"
 
 #include <cstring>
 

@@ -2,8 +2,8 @@
 #ifndef PLIANT_TEST_CUTS_H
 #define PLIANT_TEST_CUTS_H
 
+#include "cut/cut.h"
 #include "pipeline/body.h"
-#include "pliant/memory.h"
 
 #include <algorithm>
 #include <map>

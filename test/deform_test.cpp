@@ -1,6 +1,6 @@
 // Tests of the program pliant_deform from a user's view: exit codes, messages and output files.
 #include "program.h"
-#include "pliant/scan.h"
+#include "scan/volume.h"
 
 #include <algorithm>
 #include <cmath>

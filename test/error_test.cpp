@@ -1,5 +1,7 @@
 // Error measures against synthetic fields.
+#include "base/memory.h"
 #include "pipeline/body.h"
+#include "report/report.h"
 
 #include <algorithm>
 

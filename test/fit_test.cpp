@@ -1,8 +1,10 @@
 // Tests of the fitted warp: exact for quadratic polynomials, close to rasterization on a smooth map, and complete in
 // drawing.
+#include "mesh/mesh.h"
 #include "pipeline/body.h"
 #include "warp/fit.h"
 #include "warp/fit_point.h"
+#include "warp/warp.h"
 
 #include <array>
 

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <fstream>
 #include <glob.h>
+#include <iterator>
 #include <map>
 #include <set>
 #include <string>
@@ -97,9 +98,6 @@ TEST(Folders, IncludeEachOtherInNoCircle)
         globfree(&folders);
     }
     EXPECT_GT(graph.size(), 10u);
-    std::set<std::string> core;
-    for (const auto &each : graph) core.insert(each.first.substr(0, each.first.find('/')));
-    for (const char *above : {"ros", "rviz", "examples", "programs", "python"}) core.erase(above);
     for (const char *folder :
          {"base", "scene", "scan", "material", "mesh", "topology", "cut", "state", "warp", "tool", "contact", "fem", "fem/element", "fem/linear", "fem/coarse",
           "fem/quasistatic", "fem/patch", "fem/dynamics", "fem/rigid", "backend", "sim", "report", "programs", "rviz", "ros/params", "ros/convert", "ros/sim", "ros/output", "ros/guard", "ros/record", "ros/node"}) {
@@ -107,12 +105,33 @@ TEST(Folders, IncludeEachOtherInNoCircle)
         std::set<std::string> seen;
         EXPECT_EQ(way(graph, folder, folder, seen), "") << folder;
     }
-    // Folders on top of the library include public headers only.
-    for (const auto &each : graph) {
-        const std::string above = each.first.substr(0, each.first.find('/'));
-        if (above != "ros" && above != "rviz" && above != "examples") continue;
-        for (const auto &edge : each.second) EXPECT_FALSE(core.count(edge.first.substr(0, edge.first.find('/')))) << edge.second << " is no public header";
+}
+
+// Nodes and displays use public headers, and internal ones whose functions are exported (base/export.h). Examples use public headers alone.
+TEST(Folders, NodesIncludeExportedHeaders)
+{
+    const std::string root = PLIANT_SOURCE_DIR "/src/";
+    int of_core = 0;
+    for (const char *pattern : {"ros/*/*.cpp", "ros/*/*.h", "rviz/*.cpp", "rviz/*.h", "examples/*.c", "examples/*.h"}) {
+        glob_t files{};
+        ASSERT_EQ(glob((root + pattern).c_str(), 0, nullptr, &files), 0) << pattern;
+        for (size_t f = 0; f < files.gl_pathc; f++) {
+            std::ifstream file(files.gl_pathv[f]);
+            for (std::string line; std::getline(file, line);) {
+                const std::string begin = "#include \"";
+                if (line.compare(0, begin.size(), begin) != 0) continue;
+                const std::string name = line.substr(begin.size(), line.rfind('"') - begin.size()), folder = name.substr(0, name.find('/'));
+                if (folder == name || folder == "pliant" || folder == "ros" || folder == "rviz" || folder == "programs") continue;
+                of_core++;
+                EXPECT_NE(std::string(pattern).compare(0, 8, "examples"), 0) << files.gl_pathv[f] << ": " << line;
+                std::ifstream header(root + name);
+                const std::string text{std::istreambuf_iterator<char>(header), std::istreambuf_iterator<char>()};
+                EXPECT_NE(text.find("PLIANT_INTERNAL"), std::string::npos) << files.gl_pathv[f] << ": " << line << " declares nothing that is exported";
+            }
+        }
+        globfree(&files);
     }
+    EXPECT_GT(of_core, 10);
 }
 
 } // namespace

@@ -1,6 +1,6 @@
 // Tests of the lattice mesh: orientation, volume, nesting, conformity, point location, integration, faces and pieces.
-#include "pliant/memory.h"
-#include "pliant/mesh.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <gtest/gtest.h>
 

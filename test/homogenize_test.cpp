@@ -2,7 +2,7 @@
 #include "fem/coarse/shaped.h"
 #include "fem/coarse/submesh.h"
 #include "pipeline/body.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <Eigen/Dense>
 

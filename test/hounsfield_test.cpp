@@ -1,5 +1,8 @@
 /* A scan whose values are not Hounsfield units does not get the built-in table of Hounsfield units. */
+#include "material/material.h"
+#include "scan/volume.h"
 #include "scan_files.h"
+#include "sim/build/model.h"
 
 #include <cmath>
 

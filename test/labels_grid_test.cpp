@@ -1,4 +1,5 @@
 /* Label maps on another grid than their scan. */
+#include "scan/volume.h"
 #include "scan_files.h"
 
 #include <array>

@@ -1,5 +1,6 @@
 // Tests of localized orthogonal decomposition: its matrix, its error by the reach of the shape functions, and its
 // limits.
+#include "base/memory.h"
 #include "pipeline/body.h"
 
 #include <Eigen/Dense>

@@ -1,6 +1,6 @@
 // Tests of the library's memory blocks, and of large blocks that are kept for reuse.
 #include "base/room.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <gtest/gtest.h>
 

@@ -3,6 +3,7 @@
 #include "scan_files.h"
 
 #include "base/fail.h"
+#include "mesh/mesh.h"
 #include "mesh/mesh_file.h"
 
 #include <array>

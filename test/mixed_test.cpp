@@ -1,6 +1,7 @@
 // Voxels that contain tissue and air are displayed as tissue. Lung, thin organs and labels stay unchanged.
 #include "material/mixed.h"
 #include "pipeline/body.h"
+#include "sim/build/model.h"
 
 #include <array>
 #include <algorithm>

@@ -2,7 +2,8 @@
 #include "pipeline/body.h"
 #include "program.h"
 
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 #include "pliant/report.h"
 #include "report/validation.h"
 

@@ -1,5 +1,7 @@
 // Tests of the octree mesh over random label fields: faces, volumes, orientation, quality, balance, point location and
 // materials.
+#include "base/memory.h"
+#include "mesh/mesh.h"
 #include "mesh/octree.h"
 #include "pipeline/body.h"
 

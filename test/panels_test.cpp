@@ -3,7 +3,6 @@
 
 extern "C" {
 #include "fem/linear/panels.h"
-#include "pliant/memory.h"
 }
 
 #include <cmath>

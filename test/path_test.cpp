@@ -1,6 +1,7 @@
 // Tests of tool paths: a tool follows its file, and a wrong file is refused with file, line and field.
-#include "pliant/memory.h"
-#include "pliant/path.h"
+#include "base/memory.h"
+#include "contact/shapes/tool_shape.h"
+#include "tool/path.h"
 
 #include <cmath>
 #include <cstdio>

@@ -1,6 +1,6 @@
 /* The built-in scan: the same bits on every machine, and each tissue with the expected size, intensity and position. */
-#include "pliant/memory.h"
-#include "pliant/scan.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 
 #include <gtest/gtest.h>
 #include <omp.h>

@@ -1,7 +1,7 @@
 // A ray through the deformed volume to its isosurface, against exact spheres and planes.
-#include "pliant/memory.h"
+#include "mesh/mesh.h"
 #include "pipeline/body.h"
-#include "pliant/pick.h"
+#include "tool/pick.h"
 
 #include <gtest/gtest.h>
 

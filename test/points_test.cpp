@@ -1,5 +1,7 @@
 // The same tissue in meshes of different resolution.
+#include "base/memory.h"
 #include "pipeline/body.h"
+#include "report/report.h"
 
 namespace {
 

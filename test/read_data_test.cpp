@@ -1,4 +1,5 @@
 /* Files of other programs, if the shared test data are available. DICOM: read_dicom_test.cpp. */
+#include "scan/volume.h"
 #include "scan_files.h"
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 /* DICOM folders: synthetic ones, and folders of the shared test data. */
+#include "scan/volume.h"
 #include "scan_files.h"
 
 #include <algorithm>

@@ -1,4 +1,5 @@
 /* Synthetic multi-frame DICOM files (enhanced CT and MR, legacy converted), and MONOCHROME1. */
+#include "scan/volume.h"
 #include "scan_files.h"
 
 #include <algorithm>

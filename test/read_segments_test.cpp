@@ -1,4 +1,5 @@
 /* Segmentations with names: .seg.nrrd and DICOM SEG. */
+#include "scan/volume.h"
 #include "segmentation_files.h"
 
 #include <cmath>

@@ -1,4 +1,5 @@
 /* Real-world DICOM series: with stray images, rounded positions, padding and missing elements. */
+#include "material/material.h"
 #include "scan_files.h"
 
 #include <cmath>

@@ -1,5 +1,6 @@
 /* Synthetic NIfTI, MetaImage and NRRD files. Files of other programs: read_data_test.cpp. DICOM:
  * read_dicom_test.cpp. */
+#include "scan/volume.h"
 #include "scan_files.h"
 
 #include <cmath>

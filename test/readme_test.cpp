@@ -3,6 +3,7 @@
 #include "programs/options_table.h"
 
 #include "pliant/pliant.h"
+#include "tool/path.h"
 
 #include <cctype>
 #include <cstdio>

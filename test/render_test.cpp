@@ -1,6 +1,8 @@
 // Pictures and radiographs of exact balls and boxes, and of tissue under rigid motion.
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "pliant/pliant.h"
+#include "warp/picture.h"
+#include "warp/warp.h"
 #include "warp_cases.h"
 
 #include <cstring>

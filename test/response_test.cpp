@@ -4,7 +4,7 @@
 #include "fem/patch/patch.h"
 #include "fem/linear/basis.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 namespace {
 

@@ -1,5 +1,5 @@
 // Tables are complete on disk after an interruption.
-#include "pliant/report.h"
+#include "report/report.h"
 
 #include <cstdio>
 #include <cstdlib>

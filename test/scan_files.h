@@ -2,6 +2,7 @@
 #ifndef PLIANT_TEST_SCAN_FILES_H
 #define PLIANT_TEST_SCAN_FILES_H
 
+#include "base/memory.h"
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>

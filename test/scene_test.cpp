@@ -1,8 +1,7 @@
 /* Tests of scenes: defaults, YAML, option paths, checks, and the error messages of refused scenes. */
 #include "state/data.h"
-#include "pliant/memory.h"
-#include "pliant/scene.h"
-#include "pliant/session.h"
+#include "base/memory.h"
+#include "scene/scene.h"
 
 #include <gtest/gtest.h>
 

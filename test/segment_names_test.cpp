@@ -1,6 +1,7 @@
 /* Segments select materials by name: matches, unknown names, and log messages. */
 #include "material/names.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "material/material.h"
 #include "scan_files.h"
 
 namespace {

@@ -1,7 +1,9 @@
 // Tests of segmentation: the mixture model, the neighbourhood term, connected pieces, specks, and the agreement with
 // organs of the phantom and of a CT.
+#include "base/memory.h"
 #include "pliant/pliant.h"
 #include "scan/segment.h"
+#include "scan/volume.h"
 
 #include <gtest/gtest.h>
 

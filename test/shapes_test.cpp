@@ -1,5 +1,6 @@
 // Distances from rigid parts against dense samples, and the nearest points of edges and triangles.
 #include "contact/shapes/shapes.h"
+#include "contact/shapes/tool_shape.h"
 
 #include <gtest/gtest.h>
 

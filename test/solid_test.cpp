@@ -2,7 +2,8 @@
 #include "solids.h"
 
 #include "contact/shapes/shapes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "contact/shapes/tool_shape.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // Extreme cases: each one gets a verdict, no simulation fails, and the body returns to rest.
-#include "pliant/report.h"
-#include "pliant/memory.h"
+#include "report/report.h"
+#include "base/memory.h"
 
 #include <cstdlib>
 #include <gtest/gtest.h>

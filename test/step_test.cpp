@@ -3,7 +3,7 @@
 
 #include "backend/backend.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 namespace {
 

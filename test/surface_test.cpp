@@ -1,6 +1,8 @@
 // The visible surface of a cut body.
+#include "base/memory.h"
 #include "cuts.h"
-#include "pliant/surface.h"
+#include "mesh/mesh.h"
+#include "topology/visible_surface.h"
 
 #include <fstream>
 

@@ -1,5 +1,7 @@
 // A complete sweep over a tiny body.
+#include "backend/dynamics.h"
 #include "pipeline/body.h"
+#include "report/report.h"
 
 #include <cstdlib>
 #include <map>

@@ -1,16 +1,17 @@
-// The library exports exactly the functions that the public headers declare.
+// What the library exports is what the public headers declare, no more and no less.
 #include "pliant/pliant.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cstdio>
-#include <dirent.h>
 #include <fstream>
+#include <glob.h>
 #include <iterator>
 #include <regex>
 #include <set>
 #include <string>
+#include <vector>
 
 namespace {
 
@@ -31,23 +32,46 @@ std::set<std::string> exported_symbols(const char *library)
     return symbols;
 }
 
-// Return the functions with a prototype in include/pliant, without comments. The functions of reports belong to a
-// second library.
-std::set<std::string> declared_functions(bool of_reports)
+std::vector<std::string> headers_in(const std::string &pattern)
+{
+    std::vector<std::string> headers;
+    glob_t found{};
+    if (glob(pattern.c_str(), 0, nullptr, &found) == 0) headers.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+    globfree(&found);
+    return headers;
+}
+
+// Functions that a header declares, without its comments. A public header declares nothing but functions for users.
+std::set<std::string> functions_of(const std::string &header, const std::string &prefix)
+{
+    std::set<std::string> functions;
+    const std::string text = std::regex_replace(file_text(header), std::regex("/\\*[^]*?\\*/"), "");
+    const std::regex prototype("\\n" + prefix + "[a-zA-Z_][\\w ]*[ *]+(pliant_\\w+)\\(");
+    for (std::sregex_iterator at(text.begin(), text.end(), prototype), end; at != end; ++at)
+        if (at->str().compare(1, 7, "typedef") != 0) functions.insert((*at)[1]);
+    return functions;
+}
+
+// Public functions. Those of reports belong to a library of their own.
+std::set<std::string> public_functions(bool of_reports)
 {
     std::set<std::string> functions;
     const std::string folder = PLIANT_SOURCE_DIR "/include/pliant/";
-    DIR *headers = opendir(folder.c_str());
-    if (!headers) return functions;
-    while (const dirent *entry = readdir(headers)) {
-        const std::string name = entry->d_name;
-        if (name.size() < 3 || name.compare(name.size() - 2, 2, ".h") != 0 || (name == "report.h") != of_reports) continue;
-        const std::string text = std::regex_replace(file_text(folder + name), std::regex("/\\*[^]*?\\*/"), "");
-        const std::regex prototype("\\n[a-zA-Z_][\\w ]*[ *]+(pliant_\\w+)\\(");
-        for (std::sregex_iterator at(text.begin(), text.end(), prototype), end; at != end; ++at)
-            if (at->str().compare(1, 7, "typedef") != 0) functions.insert((*at)[1]);
-    }
-    closedir(headers);
+    for (const std::string &header : headers_in(folder + "*.h"))
+        if ((header == folder + "report.h") == of_reports)
+            for (const std::string &name : functions_of(header, "")) functions.insert(name);
+    return functions;
+}
+
+// Functions that are exported for Pliant's own libraries, nodes and programs (base/export.h).
+std::set<std::string> internal_functions(bool of_reports)
+{
+    std::set<std::string> functions;
+    const std::string folder = PLIANT_SOURCE_DIR "/src/";
+    for (const char *below : {"*/*.h", "*/*/*.h"})
+        for (const std::string &header : headers_in(folder + below))
+            if ((header.compare(0, folder.size() + 7, folder + "report/") == 0) == of_reports)
+                for (const std::string &name : functions_of(header, "PLIANT_INTERNAL ")) functions.insert(name);
     return functions;
 }
 
@@ -64,11 +88,35 @@ TEST(Symbols, EachLibraryExportsWhatItsHeadersDeclare)
 {
     for (bool of_reports : {false, true}) {
         const std::set<std::string> exported = exported_symbols(of_reports ? PLIANT_REPORT_LIBRARY : PLIANT_LIBRARY);
-        const std::set<std::string> declared = declared_functions(of_reports);
-        ASSERT_GT(declared.size(), of_reports ? 20u : 100u);
-        EXPECT_EQ(without(exported, declared), std::set<std::string>()) << "exported, but in no public header";
+        const std::set<std::string> declared = public_functions(of_reports), internal = internal_functions(of_reports);
+        ASSERT_GT(declared.size(), of_reports ? 5u : 100u);
+        EXPECT_EQ(without(without(exported, declared), internal), std::set<std::string>()) << "exported, but declared with neither PLIANT_API nor PLIANT_INTERNAL";
         EXPECT_EQ(without(declared, exported), std::set<std::string>()) << "in a public header, but not exported: PLIANT_API is missing";
+        EXPECT_EQ(without(internal, exported), std::set<std::string>()) << "PLIANT_INTERNAL, but not exported";
+        for (const std::string &name : internal) EXPECT_EQ(declared.count(name), 0u) << name << " is public and internal";
     }
+}
+
+TEST(Symbols, FewFunctionsArePublic)
+{
+    EXPECT_LE(public_functions(false).size() + public_functions(true).size(), 130u) << "declare what users do not need in a header below src/";
+}
+
+// The list of PLIANT_INTERNAL stays short: each of its functions is called from outside of its library.
+TEST(Symbols, InternalFunctionsAreCalledFromOutside)
+{
+    std::string outside_core, outside_reports;
+    for (const char *pattern : {"src/ros/*/*.cpp", "src/ros/*/*.h", "src/rviz/*.cpp", "src/programs/*.c", "src/programs/*.h", "src/programs/*.cpp", "src/python/*.py", "test/ros/*.cpp"})
+        for (const std::string &file : headers_in(std::string(PLIANT_SOURCE_DIR "/") + pattern)) outside_reports += file_text(file);
+    outside_core = outside_reports;
+    for (const std::string &file : headers_in(PLIANT_SOURCE_DIR "/src/report/*.[ch]")) outside_core += file_text(file);
+    for (bool of_reports : {false, true})
+        for (const std::string &name : internal_functions(of_reports)) {
+            const std::string &outside = of_reports ? outside_reports : outside_core;
+            const bool is_called = outside.find(name + "(") != std::string::npos || outside.find(name + ")") != std::string::npos ||
+                                   outside.find("\"" + name.substr(7) + "\"") != std::string::npos; // python declares names without pliant_
+            EXPECT_TRUE(is_called) << name << " can be hidden: remove its PLIANT_INTERNAL";
+        }
 }
 
 TEST(Symbols, OneVersionEverywhere)

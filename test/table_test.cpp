@@ -1,7 +1,6 @@
 /* Tests of material tables: reading, error messages, and failing allocations. */
-#include "pliant/material.h"
-#include "pliant/memory.h"
-#include "pliant/session.h"
+#include "material/material.h"
+#include "base/memory.h"
 
 #include <gtest/gtest.h>
 

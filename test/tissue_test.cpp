@@ -1,6 +1,8 @@
 // Self-contact of tissue: blocks, crossing bars, a folded strip, the two sides of a cut.
+#include "base/memory.h"
 #include "contact/detect/tissue.h"
 #include "cuts.h"
+#include "mesh/mesh.h"
 
 #include <array>
 

@@ -1,4 +1,6 @@
 // Strain energies and elements of explicit dynamics against closed forms.
+#include "fem/element/scalar.h"
+#include "mesh/mesh.h"
 #include "tled_bars.h"
 
 namespace {

@@ -1,4 +1,6 @@
 // Explicit dynamics against closed forms: energy, waves, falling, stability, viscosity, tools.
+#include "backend/dynamics.h"
+#include "base/memory.h"
 #include "tled_bars.h"
 
 namespace {

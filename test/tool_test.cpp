@@ -1,9 +1,8 @@
 // Tests of tools: names, grasps and messages.
 #include "pipeline/body.h"
 
+#include "sim/build/linear.h"
 #include "state/data.h"
-#include "pliant/memory.h"
-#include "pliant/session.h"
 
 #include <string>
 

@@ -1,7 +1,7 @@
 // The error of a mesh, estimated from three resolutions, against the true error of a beam with known converged sag.
 #include "pipeline/beam.h"
 
-#include "pliant/report.h"
+#include "report/report.h"
 
 #include <string>
 

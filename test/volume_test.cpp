@@ -1,5 +1,5 @@
-#include "pliant/memory.h"
-#include "pliant/scan.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,7 @@
 // The owners and the connectivity of a body's voxels, against the definitions.
 #include "pipeline/body.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <algorithm>
 #include <memory>

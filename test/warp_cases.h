@@ -2,7 +2,9 @@
 #ifndef PLIANT_TEST_WARP_CASES_H
 #define PLIANT_TEST_WARP_CASES_H
 
+#include "mesh/mesh.h"
 #include "pliant/warp.h"
+#include "scan/volume.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Updates of a warp, against a new warp and against itself.
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp_cases.h"
 
 #include <cstring>

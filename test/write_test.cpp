@@ -1,3 +1,4 @@
+#include "scan/volume.h"
 #include "scan_files.h"
 
 #include <csignal>

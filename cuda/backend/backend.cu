@@ -5,7 +5,7 @@
 #include "base/room.h"
 #include "cuda/base/device.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/quasistatic/solve.h"
 #include "cuda/contact/tissue.h"
 #include "cuda/warp/warp.h"

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "cuda/base/device.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <nvtx3/nvToolsExt.h>
 

@@ -7,8 +7,8 @@
 #include "cuda/contact/overlaps.cuh"
 
 #include "contact/detect/overlap.h"
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 
 #include <cstring>
 

@@ -6,8 +6,8 @@
 #include "contact/detect/tissue_rules.h"
 #include "cuda/base/device.h"
 #include "cuda/contact/overlaps.cuh"
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 
 #include <cstring>
 

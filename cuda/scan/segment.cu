@@ -3,7 +3,8 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
 #include "cuda/base/device.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 
 #include <cmath>
 

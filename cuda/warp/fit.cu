@@ -2,9 +2,10 @@
 
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/warp/raster_math.cuh"
 #include "cuda/base/scan.cuh"
+#include "scan/volume.h"
 
 enum { SORT_THREADS = 1024, TET_THREADS = 128, MAP_THREADS = 32, DRAW_THREADS = BRICK * BRICK };
 

@@ -3,11 +3,12 @@
 #include "cuda/base/device.h"
 #include "cuda/warp/fit.h"
 #include "cuda/warp/pick.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/warp/rasterize.h"
 #include "cuda/warp/render.h"
 #include "cuda/base/send.h"
 #include "cuda/warp/warp.h"
+#include "scan/volume.h"
 
 #include <cstring>
 

@@ -43,15 +43,11 @@ typedef struct pliant_tool_shape {
  *  a robot whose frame lies on their joint, as the dVRK's, needs what pliant_tool_shape_move does.
  *  Errors: ARGUMENT (another name; the message lists them). */
 PLIANT_API pliant_status pliant_tool_shape_find(const char *name, pliant_tool_shape *out);
-/** A shape from a YAML file, as a tool of a path has it (path.h); files of solids lie relative to it. Errors name file, field and line: FILE, FORMAT,
+/** A shape from a YAML file, as a tool of a path has it (src/tool/path.h); files of solids lie relative to it. Errors name file, field and line: FILE, FORMAT,
  *  MEMORY. Free with pliant_tool_shape_free. */
 PLIANT_API pliant_status pliant_tool_shape_read(const char *path, pliant_tool_shape *out);
 /** Releases the solids of a shape that was read, and leaves it without parts. */
 PLIANT_API void pliant_tool_shape_free(pliant_tool_shape *shape);
-/** Whether a part of it moves with the jaws' angle. */
-PLIANT_API bool pliant_tool_shape_has_jaws(const pliant_tool_shape *shape);
-/** Whether a tool of this shape takes hold by contact alone (grasp/kind): who closes its jaws then calls no pliant_tool_grasp. */
-PLIANT_API bool pliant_tool_shape_holds(const pliant_scene *scene, const pliant_tool_shape *shape);
 /** By an offset in the tool's frame [m]. */
 PLIANT_API void pliant_tool_shape_move(pliant_tool_shape *shape, const double offset[3]);
 

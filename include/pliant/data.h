@@ -20,7 +20,6 @@ typedef enum pliant_step_stage {
 #undef PLIANT_STAGE_ENUM
     PLIANT_NUM_STEP_STAGES
 } pliant_step_stage;
-PLIANT_API const char *pliant_step_stage_name(int stage);
 
 enum { PLIANT_MAX_TOOLS = 8 };
 
@@ -108,27 +107,6 @@ typedef struct pliant_statistics {
                                  *   model, or with what it was copied from, is theirs [bytes] */
 } pliant_statistics;
 
-/** When steps put to use what is made for them in the background: factors (solver/refresh_interval), patches (model/patch). */
-typedef enum pliant_background_kind {
-    PLIANT_BACKGROUND_PLANNED,    /**< a number of steps after its start, ready or waited for: the same on every machine (the default) */
-    PLIANT_BACKGROUND_LIVE,       /**< as soon as it is ready: no step waits, but results depend on timing */
-    PLIANT_BACKGROUND_PRESCRIBED  /**< when it is said to: with what a live run took in each step, that run again, bit for bit */
-} pliant_background_kind;
-/** What a step may take. */
-typedef enum pliant_background_result {
-    PLIANT_TAKES_FACTOR = 1,         /**< a new factor; what the solver learned is now fitted to it */
-    PLIANT_TAKES_HISTORY = 2,        /**< and goes with it */
-    PLIANT_TAKES_PATCH = 4,          /**< a patch */
-    PLIANT_TAKES_PATCH_END = 8,      /**< one that no hold is left of has ended */
-    PLIANT_TAKES_PATCH_FACTOR = 16,  /**< as the first two, of the patch in use */
-    PLIANT_TAKES_PATCH_HISTORY = 32
-} pliant_background_result;
-typedef struct pliant_background {
-    pliant_background_kind kind;
-    uint32_t prescribed;      /**< for the next step: pliant_background_result, together */
-    uint32_t taken;           /**< by the last step, likewise */
-} pliant_background;
-
 typedef struct pliant_data pliant_data; /**< opaque: asked by pliant_data_get_* and pliant_tool_get */
 
 /** At rest, no tools. Errors: MEMORY. */
@@ -141,25 +119,13 @@ PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_dat
 /** Create another simulation of the model in this one's state (state.h). It has no deformed volume until pliant_data_set_warp. In two copies the
  *  same steps give the same bits. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (of another model). */
 PLIANT_API pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out);
-/** Set this simulation to the state of another one of the same pliant_model: pliant_state_save and pliant_state_restore in one call. A second model of
- *  the same scan and scene is another model. Errors: as of pliant_data_copy; after an error the simulation is as before. */
-PLIANT_API pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from);
-
-/** From now on another body is true: the next one, or one from before. What is derived from a body is made for it first, and only
- *  then put to use: on an error everything goes on with the body before, bit for bit. Nodes keep their positions and velocities, copies
- *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
-PLIANT_API pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body);
 
 /** What is true after the last step: valid until the next call that takes this data and may change it (a step, a cut, a reset; one that fails, too). Retain the body
  *  (pliant_body_retain) to keep it for longer. */
 PLIANT_API const pliant_body *pliant_data_get_body(const pliant_data *data);
-/** Highest revision of its bodies so far: the next one takes one more. */
-PLIANT_API uint64_t pliant_data_get_last_revision(const pliant_data *data);
 /** (body's fine.num_nodes x 3) LPS [m], valid as the body is.
  *  @param revision Nullable: of the body whose nodes these are */
 PLIANT_API const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision);
-/** A copy of them. @param nodes room in out. Errors: ARGUMENT (too little room; nothing is written). */
-PLIANT_API pliant_status pliant_data_copy_positions(const pliant_data *data, int32_t nodes, double *out, uint64_t *revision);
 /** Valid as the body is. */
 PLIANT_API const pliant_statistics *pliant_data_get_statistics(const pliant_data *data);
 /** The deformed volume and its bricks (warp.h), NULL unless pliant_data_set_warp asked for it. Valid until that is called again. */
@@ -176,37 +142,14 @@ PLIANT_API pliant_status pliant_data_set_warp(const pliant_model *model, pliant_
 /** A new direction or size of gravity, from the next step on. Errors: ARGUMENT (not finite). */
 PLIANT_API pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]);
 
-/** From the next step on. @param prescribed PLIANT_BACKGROUND_PRESCRIBED: what the next step takes, waiting for it if need be; to be said
- *  before every step, as pliant_data_get_background_taken told it of the same step before. Errors: ARGUMENT. */
-PLIANT_API pliant_status pliant_data_set_background(pliant_data *data, pliant_background_kind kind, uint32_t prescribed);
-/** What the last step took (pliant_background_result, together): to be recorded beside the step's number. */
-PLIANT_API uint32_t pliant_data_get_background_taken(const pliant_data *data);
-
 /** Other limits of a step than those of the scene (solver/iterations, solver/tolerance), from the next step on.
  *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
 PLIANT_API pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double tolerance);
-
-/** What the factors of a simulation hold, which pliant_memory_in_use() does not know of [bytes]. */
-PLIANT_API size_t pliant_data_get_factor_bytes(const pliant_data *data);
 
 /** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
  *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
  *  @param positions (body->fine.num_nodes x 3) LPS [m] */
 PLIANT_API pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
-
-/** What explicit dynamics works with (solver/kind tled). */
-typedef struct pliant_dynamics {
-    double edge_bound;        /**< largest stable step by [C] 1: edge over speed of sound [s] */
-    double eigenvalue_bound;  /**< by the largest eigenvalue of an element [s]; the smaller of the two is the bound */
-    double time_step;         /**< of a sub-step [s]; 1 for dynamic relaxation, whose time is none */
-    int32_t substeps;         /**< in a step; of dynamic relaxation: at most */
-    double kinetic_energy;    /**< half a sub-step ago [J]; 0 for dynamic relaxation */
-    double strain_energy;     /**< [J]; of the elastic law, whatever has relaxed */
-    double kept_energy;       /**< both, at the same time: what stays the same when nothing acts or damps, but for rounding and a part in the
-                               *   square of the time step [J]; the strain energy for dynamic relaxation */
-} pliant_dynamics;
-/** Errors: ARGUMENT (another solver/kind). */
-PLIANT_API pliant_status pliant_data_get_dynamics(const pliant_model *model, const pliant_data *data, pliant_dynamics *out);
 
 /** One step of the scene: cut, interact, contact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
  *  NUMERIC and MEMORY restore the state before the step; a cut that the step has made stays. Positions are never NaN. */
@@ -259,20 +202,10 @@ PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_
 
 /** Fine tetrahedra of a simulation that are turned inside out now. */
 PLIANT_API int32_t pliant_data_get_inverted(const pliant_data *data);
-/** The same of any mesh at these positions. */
-PLIANT_API int32_t pliant_mesh_inverted(const pliant_mesh *mesh, const double *positions);
 
-/** A number per fine node (volume-weighted mean of its tetrahedra, which have that of the hexahedron that they are part of). Stresses are of the tissue
- *  in a tetrahedron, energy is over the volume of all of it.
- *  @param out (body->fine.num_nodes). Errors: ARGUMENT, MEMORY. */
-PLIANT_API pliant_status pliant_data_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
-                                            float *out);
 /** The same of a simulation as its last step left it; contact_force is of one alone: how large the force by contact on a node is [N].
  *  Errors: MEMORY; of pliant_data_scalar for contact_force ARGUMENT. */
 PLIANT_API pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data, pliant_scalar scalar, float *out);
-/** And per fine tetrahedron; 0 for contact_force. @param out (body->fine.num_tets). Errors: MEMORY. */
-PLIANT_API pliant_status pliant_data_tet_scalar(const pliant_model *model, const pliant_body *body, const double *positions, pliant_scalar scalar,
-                                                float *out);
 
 #ifdef __cplusplus
 }

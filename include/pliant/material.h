@@ -42,13 +42,6 @@ PLIANT_API pliant_status pliant_material_table_read(const char *path, pliant_mat
 PLIANT_API pliant_status pliant_material_table_parse(const char *yaml, const char *name_for_messages, pliant_material_table *out);
 /** The built-in table: launch/materials/abdomen_ct.yaml, compiled in. */
 PLIANT_API pliant_status pliant_material_table_default(pliant_material_table *out);
-/** Check that the built-in table can be meant for a scan, that is, that its values are Hounsfield units. The header says CT or nothing.
- *  At least one voxel in a thousand is below -20 HU, as air, lung and fat are. Fewer than one in a thousand is above 31000 HU, as padding
- *  is. Otherwise refused (MATERIAL) with a table to begin with. pliant_inputs_read checks scans whose scene names no table. */
-PLIANT_API pliant_status pliant_material_default_check(const pliant_volume *scan);
-PLIANT_API pliant_status pliant_material_table_copy(const pliant_material_table *table, pliant_material_table *out);
-/** Ranges of numbers, overlapping intensity ranges, labels and segments named twice. */
-PLIANT_API pliant_status pliant_material_table_check(const pliant_material_table *table);
 PLIANT_API void pliant_material_table_free(pliant_material_table *table);
 
 /** The material of every voxel: by its label if it has one, else by its intensity range. A table that names
@@ -62,9 +55,6 @@ PLIANT_API void pliant_material_table_free(pliant_material_table *table);
 PLIANT_API pliant_status pliant_material_classify(const pliant_material_table *table, const pliant_volume *scan,
                                                   const pliant_labels *labels, uint8_t *material_of_voxel);
 
-/** Return the index of the material that pliant_material_classify gives a segment, -1 if there is none. */
-PLIANT_API int pliant_material_of_segment(const pliant_material_table *table, const pliant_label_segment *segment);
-
 /** What a tetrahedron holds, summed over the voxels that it owns. */
 typedef struct pliant_tet_material {
     double lambda, mu;   /**< Lame parameters, mean over the voxels [Pa] */
@@ -73,8 +63,6 @@ typedef struct pliant_tet_material {
     uint16_t material;   /**< the most frequent one */
     uint32_t num_voxels; /**< 0: smaller than a voxel, taken from the voxel nearest to the centroid */
 } pliant_tet_material;
-/** Of a single voxel. */
-PLIANT_API void pliant_material_of_voxel(const pliant_material_table *table, uint8_t material, pliant_tet_material *out);
 
 #ifdef __cplusplus
 }

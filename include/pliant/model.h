@@ -26,7 +26,6 @@ typedef enum pliant_build_stage {
 #undef PLIANT_STAGE_ENUM
     PLIANT_NUM_BUILD_STAGES
 } pliant_build_stage;
-PLIANT_API const char *pliant_build_stage_name(int stage);
 
 typedef struct pliant_model pliant_model; /**< opaque: asked by pliant_model_get_* */
 
@@ -36,22 +35,12 @@ typedef struct pliant_model pliant_model; /**< opaque: asked by pliant_model_get
  *  Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (not enough is fixed), CANCELLED. */
 PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan, const pliant_labels *labels,
                                             const pliant_material_table *materials, pliant_progress progress, pliant_model **out);
-/** A warning to the log when the scene's method is a coarse one and there is gravity, which none of them carries well; building asks for
- *  the scene's own. */
-PLIANT_API void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3]);
 PLIANT_API void pliant_model_free(pliant_model *model); /**< Nullable */
-
-/** Compute the factor of default lengths for a body. It is 1 for bodies of 50 to 600 mm (cube root of the tissue's volume) and in proportion to smaller
- *  and larger bodies. @param labels Nullable. Errors: as pliant_material_classify. */
-PLIANT_API pliant_status pliant_length_scale(const pliant_volume *scan, const pliant_labels *labels, const pliant_material_table *materials, double *out);
 
 /** What a model was built from and holds; constant, valid until pliant_model_free. */
 PLIANT_API const pliant_scene *pliant_model_get_scene(const pliant_model *model);
 PLIANT_API const pliant_volume *pliant_model_get_scan(const pliant_model *model);
-PLIANT_API const pliant_volume *pliant_model_get_drawn(const pliant_model *model); /**< what is deformed: the scan, with warp/hide_empty a copy without what is empty */
 PLIANT_API const pliant_material_table *pliant_model_get_materials(const pliant_model *model);
-/** (voxels) index into the materials. */
-PLIANT_API const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model);
 /** Return the material at a point at rest, LPS [m], as pictures show it: a voxel that tissue shares with air has the tissue's material. A point outside
  *  of the scan has the material of the nearest voxel. */
 PLIANT_API uint8_t pliant_model_material_at(const pliant_model *model, const double rest[3]);
@@ -70,9 +59,6 @@ PLIANT_API void pliant_model_get_statistics(const pliant_model *model, pliant_bu
  *  Free scan, labels and materials. Errors: as of the readers. */
 PLIANT_API pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan, pliant_labels *labels,
                                             pliant_material_table *materials);
-/** The same with a table that is there already, in place of the scene's material/file. Free scan and labels. */
-PLIANT_API pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
-                                                 pliant_volume *scan, pliant_labels *labels);
 
 #ifdef __cplusplus
 }

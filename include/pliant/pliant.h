@@ -24,8 +24,6 @@
 
 #include "pliant/version.h"
 #include "pliant/status.h"
-#include "pliant/fail.h"
-#include "pliant/memory.h"
 #include "pliant/open.h"
 #include "pliant/scan.h"
 #include "pliant/segment.h"
@@ -33,7 +31,6 @@
 #include "pliant/mesh.h"
 #include "pliant/body.h"
 #include "pliant/cut.h"
-#include "pliant/surface.h"
 #include "pliant/scene.h"
 #include "pliant/model.h"
 #include "pliant/warp.h"
@@ -41,14 +38,10 @@
 #include "pliant/save.h"
 #include "pliant/data.h"
 #include "pliant/state.h"
-#include "pliant/session.h"
 #include "pliant/render.h"
 #include "pliant/solid.h"
 #include "pliant/contact.h"
-#include "pliant/linear.h"
-#include "pliant/path.h"
 #include "pliant/pick.h"
-#include "pliant/layout.h"
 #include "pliant/report.h"
 
 #endif

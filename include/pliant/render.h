@@ -73,23 +73,9 @@ typedef struct pliant_image {
     uint8_t *label; /**< (height x width) of the tissue at the surface; 0: none, or not known */
 } pliant_image;
 
-/** A volume as it lies.
- *  @param labels      Nullable: UINT8 on the volume's grid; 0 is none
- *  @param num_threads 0: as many as the machine has cores. On the CPU.
- *  Errors: ARGUMENT (camera, style, grids), MEMORY. */
-PLIANT_API pliant_status pliant_render(const pliant_volume *volume, const pliant_volume *labels, const pliant_camera *camera,
-                                       const pliant_style *style, int num_threads, const pliant_image *out);
-
 /** Linear attenuation of water at 60 keV, about the mean energy of a radiograph's spectrum [1/m]: 0.2059 cm^2/g
  *  (J. H. Hubbell, S. M. Seltzer, NISTIR 5632, table 4). */
 #define PLIANT_WATER_ATTENUATION 20.59
-
-/** Line integrals of attenuation along the rays of a camera (a radiograph): mu = water x (1 + HU / 1000), 0 below -1000 HU, and 0 outside the
- *  volume. Of a CT. What a detector measures is exp(-out).
- *  @param water of water [1/m]
- *  @param out   (height x width)
- *  Errors: as pliant_render. */
-PLIANT_API pliant_status pliant_radiograph(const pliant_volume *volume, const pliant_camera *camera, double water, int num_threads, float *out);
 
 /** Sees the tissue of a model as it is deformed. It keeps volumes of its own, redone only as far as tissue has moved when a picture asks for
  *  them, and runs on a GPU where solver/backend says so: an object of its own, to be used beside the simulation's thread. */

@@ -63,14 +63,9 @@ typedef struct pliant_labels {
 
 /** Voxels of a grid; 0 when a size is below 1 or they are too many to be counted. */
 PLIANT_API size_t pliant_geometry_voxels(const pliant_geometry *geometry);
-/** True when size, origin, spacing and direction agree (to 1e-4 of a voxel, and the rounding of an origin kept in
- *  single precision). */
-PLIANT_API bool pliant_geometry_equal(const pliant_geometry *a, const pliant_geometry *b);
 /** Continuous index -> LPS [m], and back. */
 PLIANT_API void pliant_geometry_to_world(const pliant_geometry *geometry, const double index[3], double world[3]);
 PLIANT_API void pliant_geometry_to_index(const pliant_geometry *geometry, const double world[3], double index[3]);
-/** Bytes of one voxel. */
-PLIANT_API size_t pliant_encoding_size(pliant_encoding encoding);
 
 /** Zeroed voxels for a geometry. Errors: ARGUMENT (sizes, spacing, direction), MEMORY. */
 PLIANT_API pliant_status pliant_volume_create(const pliant_geometry *geometry, pliant_encoding encoding, pliant_volume *out);
@@ -80,11 +75,6 @@ PLIANT_API void pliant_labels_free(pliant_labels *labels);
 
 /** Value (slope and intercept applied) of the voxel at a flat index. */
 PLIANT_API float pliant_volume_value(const pliant_volume *volume, size_t index);
-
-/** Values of which so many per cent are smaller; of a large volume from a million voxels. Errors: MEMORY.
- *  @param percent (count) 0 .. 100
- *  @param value   (count) out */
-PLIANT_API pliant_status pliant_volume_percentiles(const pliant_volume *volume, int count, const double *percent, double *value);
 
 /** Read a scan. It is a folder with a DICOM series (an image per file, or enhanced and legacy converted CT and MR of several frames). Or it
  *  is a file: DICOM of several frames, NIfTI-1 or 2 (.nii, .nii.gz, .hdr with its .img), NRRD (.nrrd, .nhdr; raw or gzip), MetaImage (.mha, .mhd).
@@ -105,21 +95,11 @@ PLIANT_API pliant_status pliant_volume_read(const char *path, const char *series
  *  value of the segment in the file if no two segments share a value, and its position in the file (from 1) otherwise. */
 PLIANT_API pliant_status pliant_labels_read(const char *path, size_t memory_limit, pliant_labels *out);
 
-/** Put labels on the grid of a scan: every voxel of the scan takes the nearest label, or none outside of the label map. Turned axes and
- *  cropped maps change no label. If a corner lies more than 0.05 voxel from a voxel of the scan, a warning names the differences of the grids.
- *  Errors (labels untouched): ARGUMENT (the label map misses the scan), MEMORY. */
-PLIANT_API pliant_status pliant_labels_to_grid(pliant_labels *labels, const pliant_geometry *grid);
-
 /** Write by the ending of path (.nii, .nii.gz, .nrrd, .mha), millimetres and values as others expect them: UINT8
  *  and INT16 stay what they are, slope and intercept are applied otherwise. The file is complete or not there; one
  *  that was there before is replaced at the end. Errors: ARGUMENT (ending), FILE, FORMAT (too long for NIfTI), MEMORY. */
 PLIANT_API pliant_status pliant_volume_write(const char *path, const pliant_volume *volume);
 PLIANT_API pliant_status pliant_labels_write(const char *path, const pliant_labels *labels);
-
-/** Same box, other voxel counts: trilinear in the scan's own type; nearest for labels.
- *  The new voxels cover the same box edge to edge, so spacing[d] = old size[d] * old spacing[d] / size[d]. */
-PLIANT_API pliant_status pliant_volume_resample(const pliant_volume *volume, const int32_t size[3], pliant_volume *out);
-PLIANT_API pliant_status pliant_labels_resample(const pliant_labels *labels, const int32_t size[3], pliant_labels *out);
 
 /** Label ids of the phantom. */
 #define PLIANT_PHANTOM_LIST(X)                                                                              \
@@ -133,8 +113,6 @@ PLIANT_API pliant_status pliant_labels_resample(const pliant_labels *labels, con
  *  @param seed   of the noise; the label map does not depend on it
  *  @param labels Nullable. Errors: ARGUMENT, MEMORY. */
 PLIANT_API pliant_status pliant_phantom(const int32_t size[3], uint32_t seed, pliant_volume *scan, pliant_labels *labels);
-/** Name of a phantom label ("" when there is none). */
-PLIANT_API const char *pliant_phantom_label_name(int label);
 
 #ifdef __cplusplus
 }

@@ -243,9 +243,6 @@ PLIANT_API pliant_status pliant_scene_set(pliant_scene *scene, const char *optio
 /** Every option is in its range. Errors: SCENE, naming the option, its value and its range. */
 PLIANT_API pliant_status pliant_scene_check(const pliant_scene *scene);
 
-/** What the scene is made of: element/kind, or what auto becomes in this scene. A model's own scene (pliant_model_get_scene) has that.
- *  @param why Nullable, out: what made auto linear ("option: reason", static); NULL: nothing */
-PLIANT_API pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why);
 /** The scene will have tools with a shape (contact.h): auto elements become linear, since sheets one cube thick fold over what presses
  *  them. Organs that are thicker tell nearer forces as hexahedra by name. */
 PLIANT_API void pliant_scene_for_shapes(pliant_scene *scene);

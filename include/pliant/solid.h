@@ -30,21 +30,7 @@ PLIANT_API pliant_status pliant_solid_read(const char *path, const pliant_solid_
  *  none are needed @param name of it, for messages */
 PLIANT_API pliant_status pliant_solid_create(int32_t num_points, const double *points, int32_t num_triangles, const int32_t *triangles,
                                              const pliant_solid_options *options, const char *name, pliant_solid **out);
-PLIANT_API const pliant_solid *pliant_solid_retain(const pliant_solid *solid); /**< Nullable. @return the same */
 PLIANT_API void pliant_solid_release(const pliant_solid *solid);               /**< Nullable */
-
-typedef struct pliant_solid_surface {
-    int32_t num_points, num_triangles;
-    const double *points;     /**< (num_points x 3), turned, corners that were one joined [m] */
-    const int32_t *triangles; /**< (num_triangles x 3) outwards counter-clockwise */
-    bool convex;
-    double resolution;        /**< of its field; 0: it is convex, and exact [m] */
-    double error;             /**< how far its field is from 0 on the surface, at most: at corners and middles of triangles [m] */
-    double volume;            /**< [m^3] */
-    size_t bytes;
-} pliant_solid_surface;
-/** What it is made of. Pointers live as long as it does. */
-PLIANT_API void pliant_solid_get_surface(const pliant_solid *solid, pliant_solid_surface *out);
 
 #ifdef __cplusplus
 }

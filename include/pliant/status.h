@@ -60,9 +60,6 @@ typedef struct pliant_progress {
     void *user;
 } pliant_progress;
 
-/** Monotonic wall clock. [s] */
-PLIANT_API double pliant_seconds(void);
-
 #ifdef __cplusplus
 }
 #endif

@@ -47,16 +47,6 @@ PLIANT_API pliant_status pliant_warp_set_body(pliant_warp *warp, const pliant_bo
  *  Errors (as it was before): UNAVAILABLE, MEMORY (with figures). */
 PLIANT_API pliant_status pliant_warp_backend(pliant_warp *warp, pliant_backend_choice choice);
 
-/** From now on the inverse map is not that of tetrahedra but a smooth fit through the nodes ([C] 5.3): moving least squares of second order
- *  with a Gaussian kernel, every `step` voxels of the target and trilinear in between. Voxels whose rest position no tissue holds get the
- *  background, and so do those more than a voxel outside every tetrahedron. Every update redoes all; on the CPU until
- *  pliant_warp_backend says who does it. Within the kernel's reach of what is cut tetrahedra draw as without a fit, on the CPU. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
-PLIANT_API pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
-
-/** From now on every voxel has the value of the scan's nearest one in place of an interpolated one: for labels. On the CPU until
- *  pliant_warp_backend says who does the updates. Errors (as it was before): ARGUMENT (not UINT8, or a fit). */
-PLIANT_API pliant_status pliant_warp_nearest(pliant_warp *warp);
-
 /** Redo what the new positions change. Non-finite positions are refused (ARGUMENT) and change nothing.
  *  A tetrahedron that is inverted or flat draws nothing. Tissue that leaves the target is cut off, with a line in the log the first time.
  *  @param positions (num_nodes x 3) LPS [m] */
@@ -68,9 +58,6 @@ PLIANT_API const pliant_volume *pliant_warp_volume(const pliant_warp *warp);
 
 /** Bricks along i, j, k, and for every brick whether a voxel of it may have changed in the last update. */
 PLIANT_API void pliant_warp_bricks(const pliant_warp *warp, int32_t count[3], const uint8_t **changed);
-
-/** Seconds of the last update, by stage: cull (boxes, change detection, lists), rasterize; of a fit: the map, the voxels. */
-PLIANT_API void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize);
 
 #ifdef __cplusplus
 }

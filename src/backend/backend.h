@@ -7,6 +7,7 @@
 #include "contact/detect/tissue.h"
 #include "state/data.h"
 #include "scene/gpu_choice.h"
+#include "topology/body.h"
 
 #ifdef __cplusplus
 extern "C" {

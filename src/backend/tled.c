@@ -2,6 +2,7 @@
 #include "fem/dynamics/tled.h"
 
 #include "backend/backend.h"
+#include "backend/dynamics.h"
 #include "base/fail.h"
 
 #include <string.h>

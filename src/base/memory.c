@@ -1,4 +1,4 @@
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include "base/account.h"
 #include "base/room.h"

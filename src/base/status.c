@@ -1,4 +1,5 @@
 #include "base/fail.h"
+#include "base/clock.h"
 
 #include <pthread.h>
 #include <stdarg.h>

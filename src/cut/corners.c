@@ -6,7 +6,7 @@
 
 #include "base/fail.h"
 #include "base/pairs.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,8 +1,9 @@
 /* Find the fragment at a point of the deformed body. */
 #include "topology/links.h"
 #include "cut/work.h"
+#include "mesh/mesh.h"
 #include "pliant/cut.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,7 +4,8 @@
 #include "cut/work.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

@@ -3,7 +3,7 @@
 
 #include "base/fail.h"
 #include "topology/parts.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 pliant_status pliant_cut_count_pieces(const pliant_body *body, int32_t *pieces)
 {

@@ -7,7 +7,8 @@
 
 #include "base/fail.h"
 #include "base/matrix.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -3,7 +3,7 @@
 #ifndef PLIANT_CUT_SPARSE_H
 #define PLIANT_CUT_SPARSE_H
 
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdbool.h>
 #include <stdint.h>

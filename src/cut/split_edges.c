@@ -6,7 +6,7 @@
 #include "cut/sweep.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>

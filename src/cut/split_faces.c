@@ -4,7 +4,7 @@
 #include "cut/subdivide.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
 
 #include "base/fail.h"
 #include "base/room.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>

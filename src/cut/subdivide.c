@@ -2,7 +2,7 @@
 #include "cut/subdivide.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -5,7 +5,7 @@
 #include "topology/links.h"
 #include "topology/parts.h"
 #include "cut/sparse.h"
-#include "pliant/cut.h"
+#include "cut/cut.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -7,6 +7,7 @@
 
 #include "base/lanes.h"
 #include "state/model.h"
+#include "topology/body.h"
 
 /* Error message of a step whose merit is not finite. All single inputs have been checked to be finite before. */
 #define PLIANT_LOAD_NOT_FINITE \

@@ -1,9 +1,10 @@
-#include "pliant/material.h"
+#include "material/material.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include "material/names.h"
+#include "scan/volume.h"
 
 #include <math.h>
 #include <stdio.h>

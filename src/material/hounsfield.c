@@ -1,6 +1,7 @@
 /* Checks whether a scan's values are Hounsfield units, as the built-in material table requires. */
 #include "base/fail.h"
-#include "pliant/material.h"
+#include "material/material.h"
+#include "scan/volume.h"
 
 #include <math.h>
 

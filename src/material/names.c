@@ -1,4 +1,5 @@
 #include "material/names.h"
+#include "material/material.h"
 
 #include <ctype.h>
 #include <stdio.h>

@@ -1,10 +1,10 @@
-#include "pliant/material.h"
+#include "material/material.h"
 
 #include "base/fail.h"
 #include "scene/yaml.h"
 #include "material/default_table.h"
 #include "material/names.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

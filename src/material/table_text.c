@@ -1,6 +1,6 @@
 /* Writes materials as YAML that table.c reads. */
-#include "pliant/session.h"
 #include "scene/yaml.h"
+#include "material/material.h"
 
 #include <stdio.h>
 

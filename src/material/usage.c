@@ -2,7 +2,7 @@
 #include "material/names.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdio.h>
 

@@ -9,8 +9,8 @@
  *
  * All lengths are in units of cells along the scan's axes, where the lattice consists of unit cubes. */
 #include "base/fail.h"
-#include "pliant/memory.h"
-#include "pliant/mesh.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <stdlib.h>

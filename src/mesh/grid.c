@@ -2,11 +2,11 @@
  * 2 along j, 4 along k. The central tetrahedron has the corners with an even number of bits in a cube of parity 0, and
  * with an odd number in a cube of parity 1. The diagonals of shared faces therefore coincide. A grid refined by any
  * integer factor from the same corner nests exactly (fem/coarse/NUMERICS.md). */
-#include "pliant/mesh.h"
+#include "mesh/mesh.h"
 
 #include "base/fail.h"
 #include "base/matrix.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

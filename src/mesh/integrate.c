@@ -5,8 +5,8 @@
  * the volume of the tetrahedron. On a real grid they do so only approximately, and the patch test fails by the
  * difference. Therefore this file computes the mean, and the element uses its exact volume. */
 #include "base/fail.h"
-#include "pliant/memory.h"
-#include "pliant/mesh.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

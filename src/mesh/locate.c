@@ -1,5 +1,5 @@
 /* Finds the tetrahedron that contains a point: at rest by the lattice, in the deformed mesh by a search. */
-#include "pliant/mesh.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 

@@ -3,7 +3,8 @@
 
 #include "base/fail.h"
 #include "base/open.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <errno.h>
 #include <locale.h>

@@ -2,7 +2,7 @@
 #include "mesh/mesh_file.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -10,8 +10,9 @@
  * faces meet in the middle, where coordinates in units of the smaller leaf have an even sum. With neighbours balanced
  * across edges, none of them is divided further. */
 #include "base/fail.h"
+#include "mesh/mesh.h"
 #include "mesh/octree.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

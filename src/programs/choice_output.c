@@ -2,7 +2,8 @@
 
 #include "command_line.h"
 #include "console.h"
-#include "pliant/fail.h"
+#include "base/fail.h"
+#include "report/report.h"
 #include "report_plot.h"
 
 #include <stdio.h>

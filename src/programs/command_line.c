@@ -1,7 +1,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 
-#include "pliant/fail.h"
+#include "base/fail.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -1,11 +1,12 @@
 #include "deform_compare.h"
 
-#include "pliant/fail.h"
+#include "base/fail.h"
 #include "pliant/report.h"
 #include "command_line.h"
 #include "console.h"
 #include "deform_output.h"
 #include "picture.h"
+#include "scene/scene.h"
 
 #include <errno.h>
 #include <stdio.h>

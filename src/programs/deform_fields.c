@@ -2,8 +2,8 @@
 
 #include "pliant/contact.h"
 #include "pliant/displacement.h"
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 #include "pliant/save.h"
 
 #include <errno.h>

@@ -2,12 +2,14 @@
 
 #include "deform_fields.h"
 #include "deform_view.h"
-#include "pliant/fail.h"
+#include "base/fail.h"
+#include "fem/element/scalar.h"
+#include "material/material.h"
 #include "picture.h"
 #include "picture_scalar.h"
 #include "picture_section.h"
-#include "pliant/memory.h"
-#include "pliant/surface.h"
+#include "base/memory.h"
+#include "topology/visible_surface.h"
 
 #include <errno.h>
 #include <stdio.h>

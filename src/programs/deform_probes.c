@@ -1,7 +1,7 @@
 #include "deform_probes.h"
 
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 
 #include <errno.h>
 #include <string.h>

@@ -2,8 +2,8 @@
 #ifndef PLIANT_TOOLS_DEFORM_PROBES_H
 #define PLIANT_TOOLS_DEFORM_PROBES_H
 
-#include "pliant/path.h"
-#include "pliant/report.h"
+#include "tool/path.h"
+#include "report/report.h"
 
 #include <stdio.h>
 

@@ -1,11 +1,13 @@
 #include "deform_run.h"
 
-#include "pliant/fail.h"
+#include "base/clock.h"
+#include "base/fail.h"
 #include "choice_output.h"
 #include "command_line.h"
 #include "console.h"
 #include "deform_output.h"
 #include "pliant/report.h"
+#include "sim/build/model.h"
 
 #include <math.h>
 

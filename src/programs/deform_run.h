@@ -6,6 +6,7 @@
 #include "deform_probes.h"
 #include "deform_tools.h"
 #include "timing.h"
+#include "tool/path.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,7 +1,8 @@
 #include "deform_tools.h"
 
 #include "pliant/contact.h"
-#include "pliant/fail.h"
+#include "base/clock.h"
+#include "base/fail.h"
 
 #include <errno.h>
 #include <string.h>

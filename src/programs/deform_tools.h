@@ -2,7 +2,7 @@
 #ifndef PLIANT_TOOLS_DEFORM_TOOLS_H
 #define PLIANT_TOOLS_DEFORM_TOOLS_H
 
-#include "pliant/path.h"
+#include "tool/path.h"
 
 #include <stdio.h>
 

@@ -1,7 +1,7 @@
 #include "deform_view.h"
 
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 #include "picture.h"
 
 #include <math.h>

@@ -2,10 +2,11 @@
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
 #include "console.h"
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 #include "pliant/pliant.h"
-#include "pliant/report.h"
+#include "report/report.h"
+#include "sim/build/model.h"
 
 #include <errno.h>
 #include <stdio.h>

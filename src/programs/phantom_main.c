@@ -2,6 +2,7 @@
 #include "command_line.h"
 #include "console.h"
 #include "pliant/pliant.h"
+#include "scan/volume.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,7 +1,8 @@
 #include "picture.h"
 
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 
 #include <math.h>
 #include <stdio.h>

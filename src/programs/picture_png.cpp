@@ -1,5 +1,5 @@
 // Write PNG files with ITK. No other file of the programs includes ITK headers.
-#include "pliant/fail.h"
+#include "base/fail.h"
 #include "picture.h"
 
 #include <cstring>

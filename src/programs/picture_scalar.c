@@ -1,9 +1,9 @@
 #include "picture_scalar.h"
 
-#include "pliant/fail.h"
+#include "base/fail.h"
 #include "picture.h"
 #include "picture_section.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 #include "picture_section.h"
 
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

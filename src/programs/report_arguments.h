@@ -2,7 +2,7 @@
 #ifndef PLIANT_TOOLS_REPORT_ARGUMENTS_H
 #define PLIANT_TOOLS_REPORT_ARGUMENTS_H
 
-#include "pliant/report.h"
+#include "report/report.h"
 
 #ifdef __cplusplus
 extern "C" {

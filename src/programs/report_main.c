@@ -1,12 +1,14 @@
 /* pliant_report: measure accuracy against run time on the user's scan, stability, and the cost of each stage. */
 #define _POSIX_C_SOURCE 200809L
 #include "choice_output.h"
+#include "base/clock.h"
 #include "command_line.h"
 #include "console.h"
-#include "pliant/fail.h"
+#include "base/fail.h"
 #include "pliant/pliant.h"
 #include "report_arguments.h"
 #include "report_plot.h"
+#include "sim/build/model.h"
 
 #include <stdio.h>
 #include <string.h>

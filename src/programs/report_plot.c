@@ -1,6 +1,6 @@
 #include "report_plot.h"
 
-#include "pliant/fail.h"
+#include "base/fail.h"
 #include "python_run.h"
 
 #include <errno.h>

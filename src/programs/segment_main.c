@@ -1,10 +1,13 @@
 /* pliant_segment: write the labels that segment/kind gmm finds in a scan, as a map, a table and pictures. */
 #define _POSIX_C_SOURCE 200809L
 #include "command_line.h"
+#include "base/clock.h"
 #include "console.h"
-#include "pliant/fail.h"
+#include "base/fail.h"
 #include "picture.h"
 #include "pliant/pliant.h"
+#include "sim/build/model.h"
+#include "topology/body.h"
 
 #include <errno.h>
 #include <math.h>

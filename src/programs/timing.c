@@ -1,8 +1,11 @@
 #define _POSIX_C_SOURCE 200809L
 #include "timing.h"
 
-#include "pliant/fail.h"
-#include "pliant/memory.h"
+#include "base/fail.h"
+#include "base/memory.h"
+#include "sim/api/data.h"
+#include "sim/build/model.h"
+#include "warp/warp.h"
 
 #include <errno.h>
 #include <stdlib.h>

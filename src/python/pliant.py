@@ -702,7 +702,7 @@ class Tool:
 
     def shape(self, name=None, offset=(0, 0, 0)):
         """Set the collision shape, from the next step on: an instrument by its name or code (prograsp_forceps,
-        400006, probe), or a YAML file of parts (include/pliant/path.h); None: no contact. offset: of the shape in
+        400006, probe), or a YAML file of parts (include/pliant/contact.h); None: no contact. offset: of the shape in
         the tool's frame [m]."""
         of = _c.Struct("pliant_tool_shape")
         shift, address = _c.numbers(offset, 3)

@@ -1,4 +1,4 @@
-"""Access libpliant.so by ctypes, with the layout of its structs that the library reports (include/pliant/layout.h)."""
+"""Access libpliant.so by ctypes, with the layout of its structs that the library reports (src/sim/build/layout.h)."""
 import atexit
 import ctypes
 import logging

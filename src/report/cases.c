@@ -1,10 +1,12 @@
 #define _POSIX_C_SOURCE 200809L
 #include "report/cases.h"
 
+#include "base/clock.h"
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
+#include "sim/api/data.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

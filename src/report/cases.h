@@ -2,7 +2,7 @@
 #ifndef PLIANT_REPORT_CASES_H
 #define PLIANT_REPORT_CASES_H
 
-#include "pliant/report.h"
+#include "report/report.h"
 
 #ifdef __cplusplus
 extern "C" {

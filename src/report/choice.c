@@ -2,9 +2,12 @@
  * the time budget. */
 #include "report/choice.h"
 
+#include "base/clock.h"
 #include "base/fail.h"
 #include "fem/patch/patch.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "scene/scene.h"
+#include "sim/build/model.h"
 
 #include <math.h>
 #include <stdio.h>

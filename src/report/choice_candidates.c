@@ -1,6 +1,7 @@
 /* List the candidates of a choice of settings: methods on meshes. */
 #include "state/data.h"
 #include "report/choice.h"
+#include "scene/scene.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,8 +1,11 @@
 /* Measure the cost of explicit dynamics on a scene, and its energy conservation. */
 #include "base/fail.h"
+#include "backend/dynamics.h"
+#include "base/clock.h"
 #include "base/threads.h"
+#include "report/report.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/rows.h"
 
 #include <math.h>

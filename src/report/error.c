@@ -1,7 +1,7 @@
 /* Distances between two solutions, and their statistics. */
 #include "base/fail.h"
-#include "pliant/memory.h"
-#include "pliant/report.h"
+#include "base/memory.h"
+#include "report/report.h"
 
 #include <math.h>
 #include <stdlib.h>

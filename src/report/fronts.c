@@ -1,8 +1,9 @@
 /* Choose points to pull at: fronts of organs, or of the body. The front is anterior (-y in LPS). */
 #include "base/fail.h"
 #include "base/threads.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/rows.h"
+#include "sim/build/model.h"
 
 #include <ctype.h>
 #include <math.h>

@@ -1,8 +1,10 @@
 /* Measure that unused features cost nothing: time and memory with all features, without each one, and without all. */
 #include "base/fail.h"
+#include "base/clock.h"
 #include "base/threads.h"
+#include "fem/element/scalar.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/cases.h"
 #include "report/rows.h"
 

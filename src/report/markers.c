@@ -1,6 +1,7 @@
 /* Read measured displacements of markers from a table. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 #include "pliant/report.h"
 #include "report/cells.h"
 #include "report/validation.h"

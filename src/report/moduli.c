@@ -1,7 +1,8 @@
 /* Fit moduli of materials to measured displacements: Gauss-Newton on their logarithms, with Levenberg-Marquardt
  * damping. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "material/material.h"
 #include "pliant/report.h"
 #include "report/validation.h"
 #include "state/data.h"

@@ -1,8 +1,9 @@
 /* Locate the same tissue points in different meshes. */
 #include "base/fail.h"
+#include "mesh/mesh.h"
 #include "state/data.h"
-#include "pliant/memory.h"
-#include "pliant/report.h"
+#include "base/memory.h"
+#include "report/report.h"
 
 #include <math.h>
 

@@ -1,8 +1,8 @@
 /* Tables of results as CSV (RFC 4180), written row by row, so that a stopped run can continue. */
 #define _POSIX_C_SOURCE 200809L
 #include "base/fail.h"
-#include "pliant/memory.h"
-#include "pliant/report.h"
+#include "base/memory.h"
+#include "report/report.h"
 
 #include <errno.h>
 #include <math.h>

@@ -1,6 +1,7 @@
 #include "report/rows.h"
 
 #include "base/fail.h"
+#include "report/report.h"
 
 #include <math.h>
 #include <stdio.h>

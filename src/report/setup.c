@@ -1,6 +1,7 @@
 /* Identify comparable results by a hash of eight characters. */
 #include "base/fail.h"
 #include "report/rows.h"
+#include "scan/volume.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,6 +1,7 @@
 /* Extract slices in radiological orientation, and write them as files for Python. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "report/report.h"
 #include "report/rows.h"
 
 #include <errno.h>

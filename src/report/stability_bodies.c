@@ -1,5 +1,6 @@
 /* Stability cases with unusual bodies. */
 #include "report/stability_cases.h"
+#include "mesh/mesh.h"
 
 #include <stdio.h>
 

@@ -1,9 +1,12 @@
 #include "report/stability_trial.h"
 
+#include "backend/dynamics.h"
+#include "base/clock.h"
 #include "base/fail.h"
+#include "fem/element/scalar.h"
 #include "fem/system.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

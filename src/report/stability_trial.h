@@ -2,7 +2,7 @@
 #ifndef PLIANT_REPORT_STABILITY_TRIAL_H
 #define PLIANT_REPORT_STABILITY_TRIAL_H
 
-#include "pliant/report.h"
+#include "report/report.h"
 #include "report/rows.h"
 
 #ifdef __cplusplus

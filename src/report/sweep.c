@@ -1,8 +1,9 @@
 /* Measure error against run time: every method, ratio, variant and budget with the same load cases. */
 #include "base/fail.h"
 #include "fem/patch/patch.h"
+#include "scene/scene.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/sweep.h"
 
 #include <math.h>

@@ -3,6 +3,7 @@
 #define PLIANT_REPORT_SWEEP_H
 
 #include "report/cases.h"
+#include "report/report.h"
 #include "report/rows.h"
 
 #ifdef __cplusplus

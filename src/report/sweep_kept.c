@@ -1,7 +1,7 @@
 /* Store reference solutions on disk, so that a continued sweep does not compute them again. An incomplete or different
  * file is ignored. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/sweep.h"
 
 #include <errno.h>

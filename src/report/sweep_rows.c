@@ -3,7 +3,7 @@
 #include "base/threads.h"
 #include "fem/system.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/sweep.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 /* Per-voxel error of a run's last frame: histogram and slices. */
 #include "base/fail.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/sweep.h"
 
 #include <ctype.h>

@@ -2,6 +2,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include "base/fail.h"
 #include "base/threads.h"
+#include "report/report.h"
 #include "report/rows.h"
 
 #include <errno.h>

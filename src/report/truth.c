@@ -1,8 +1,9 @@
 /* Estimate the discretization error of a mesh relative to the continuum, in addition to the solver's error on the
  * mesh. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "report/sweep.h"
+#include "scene/scene.h"
 #include "state/data.h"
 
 #include <math.h>

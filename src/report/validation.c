@@ -2,8 +2,9 @@
 #define _POSIX_C_SOURCE 200809L
 #include "report/validation.h"
 
+#include "base/clock.h"
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "pliant/pliant.h"
 #include "report/rows.h"
 

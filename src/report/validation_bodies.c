@@ -3,7 +3,7 @@
 #include "report/validation.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "pliant/pliant.h"
 #include "report/cells.h"
 #include "report/rows.h"

@@ -1,9 +1,10 @@
 /* Compute the error in the warped image voxel by voxel ([H] figure 2). */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "mesh/mesh.h"
 #include "state/data.h"
-#include "pliant/memory.h"
-#include "pliant/report.h"
+#include "base/memory.h"
+#include "report/report.h"
 
 #include <math.h>
 #include <string.h>

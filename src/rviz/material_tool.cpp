@@ -1,7 +1,6 @@
 #include "rviz/material_tool.h"
 
-#include "pliant/material.h"
-#include "pliant/session.h"
+#include "material/material.h"
 #include "rviz/service.h"
 
 #include <pluginlib/class_list_macros.hpp>

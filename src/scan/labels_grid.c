@@ -1,9 +1,8 @@
 /* Resamples labels to the grid of their scan: every voxel of the scan gets the nearest label. Programs that draw labels
  * may flip the axes, crop, or write origins with few digits. An affine map of indices covers all of these cases. */
-#include "pliant/scan.h"
+#include "scan/volume.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
 
 #include <math.h>
 #include <stdio.h>

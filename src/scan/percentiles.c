@@ -1,7 +1,7 @@
 /* Percentiles of a volume's values. Large volumes are sampled. */
 #include "base/fail.h"
-#include "pliant/memory.h"
-#include "pliant/scan.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,6 +1,7 @@
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "scan/phantom_anatomy.h"
+#include "scan/volume.h"
 
 #include <math.h>
 #include <omp.h>

@@ -2,6 +2,7 @@
 #include "scan/read.h"
 
 #include "base/free_memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,7 +5,6 @@
 #define PLIANT_SCAN_READ_H
 
 #include "base/fail.h"
-#include "pliant/memory.h"
 #include "pliant/scan.h"
 
 #include <fstream>

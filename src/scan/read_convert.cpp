@@ -1,5 +1,6 @@
 /* Converts the numbers of a file to the encoding of a volume, or to labels. */
 #include "scan/read.h"
+#include "base/memory.h"
 
 #include <cfloat>
 #include <cmath>

@@ -3,6 +3,8 @@
 #include "scan/read_segments.h"
 
 #include "base/free_memory.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 
 #include <algorithm>
 

@@ -1,9 +1,9 @@
 /* Resamples a volume to other voxel counts in the same box. The old index of a new voxel depends on one axis at a time,
  * so neighbours and weights are tabulated per axis. */
-#include "pliant/scan.h"
+#include "scan/volume.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,7 +3,8 @@
 
 #include "base/fail.h"
 #include "base/threads.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "topology/body.h"
 
 #include <math.h>
 #include <stdlib.h>

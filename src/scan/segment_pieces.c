@@ -1,6 +1,6 @@
 /* Connected pieces of one class, and absorption of small pieces. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "scan/segment.h"
 
 #include <string.h>

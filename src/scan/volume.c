@@ -1,9 +1,9 @@
-#include "pliant/scan.h"
+#include "scan/volume.h"
 
 #include "base/fail.h"
 #include "base/free_memory.h"
 #include "base/room.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "scan/stored.h"
 
 #include <float.h>

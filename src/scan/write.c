@@ -4,7 +4,7 @@
 
 #include "base/fail.h"
 #include "base/replace.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <errno.h>
 #include <limits.h>

@@ -1,6 +1,7 @@
 #include "scene/elements.h"
 
 #include "base/fail.h"
+#include "scene/scene.h"
 
 #include <stddef.h>
 

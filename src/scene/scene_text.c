@@ -1,6 +1,6 @@
 /* Write a scene as YAML that scene_yaml.c reads. */
-#include "pliant/session.h"
 #include "scene/options.h"
+#include "scene/scene.h"
 #include "scene/yaml.h"
 
 #include <stdio.h>

@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "scene/options.h"
 #include "scene/yaml.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "base/open.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <ctype.h>
 #include <errno.h>

@@ -5,6 +5,7 @@
 #include "base/account.h"
 #include "contact/contact.h"
 #include "pliant/contact.h"
+#include "state/background.h"
 #include "state/model.h"
 
 #ifdef __cplusplus

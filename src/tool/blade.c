@@ -2,8 +2,9 @@
 
 #include "base/fail.h"
 #include "base/rotate.h"
+#include "cut/cut.h"
 #include "tool/tool.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>

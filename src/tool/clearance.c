@@ -5,7 +5,7 @@
 #include "contact/detect/outside.h"
 #include "contact/shapes/solid.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "state/model.h"
 
 #include <math.h>

@@ -1,11 +1,11 @@
-#include "pliant/path.h"
+#include "tool/path.h"
 
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "scene/yaml.h"
 #include "tool/blade.h"
 #include "tool/shape_text.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,7 +1,8 @@
 /* Follow a ray through the deformed volume to its isosurface ([H] 3.2). */
 #include "base/fail.h"
-#include "pliant/cut.h"
-#include "pliant/pick.h"
+#include "cut/cut.h"
+#include "mesh/mesh.h"
+#include "tool/pick.h"
 #include "scan/march.h"
 #include "state/model.h"
 #include "warp/state.h"

@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "contact/shapes/shapes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -2,9 +2,11 @@
  * interpolate its displacement ([H] 3.2, equation 11). A grasped blob is a set of such points. */
 #include "base/fail.h"
 #include "contact/shapes/shapes.h"
+#include "cut/cut.h"
+#include "mesh/mesh.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

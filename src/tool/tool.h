@@ -2,7 +2,7 @@
 #ifndef PLIANT_INTERACT_TOOL_H
 #define PLIANT_INTERACT_TOOL_H
 
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "state/data.h"
 
 #include <string.h>

@@ -6,7 +6,8 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "mesh/faces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

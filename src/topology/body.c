@@ -2,7 +2,8 @@
 
 #include "base/fail.h"
 #include "base/room.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <stdatomic.h>
 #include <string.h>

@@ -4,7 +4,7 @@
 #include "topology/parts.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <omp.h>
 #include <string.h>

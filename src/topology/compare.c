@@ -1,8 +1,8 @@
 /* Compare two bodies, and map the elements of one to the other. */
 #include "base/fail.h"
 #include "base/room.h"
-#include "pliant/body.h"
-#include "pliant/memory.h"
+#include "topology/body.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "topology/links.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdatomic.h>
 #include <string.h>

@@ -2,7 +2,7 @@
 #ifndef PLIANT_BODY_DIVIDE_H
 #define PLIANT_BODY_DIVIDE_H
 
-#include "pliant/body.h"
+#include "topology/body.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -2,7 +2,7 @@
 #ifndef PLIANT_BODY_LINKS_H
 #define PLIANT_BODY_LINKS_H
 
-#include "pliant/body.h"
+#include "topology/body.h"
 
 #include <stddef.h>
 

@@ -6,7 +6,7 @@
 #include "base/pairs.h"
 #include "base/room.h"
 #include "mesh/faces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

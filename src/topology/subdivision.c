@@ -2,7 +2,8 @@
 #include "topology/divide.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,7 +3,7 @@
 
 #include "base/fail.h"
 #include "mesh/faces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -10,7 +10,7 @@
 #define PLIANT_BODY_SURFACE_H
 
 #include "topology/links.h"
-#include "pliant/surface.h"
+#include "topology/visible_surface.h"
 
 #include <stdatomic.h>
 

@@ -1,7 +1,7 @@
 /* Compute the triangles of one initial tetrahedron: between its fragments, and on its faces without neighbour. */
 #include "topology/surface.h"
 #include "mesh/faces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

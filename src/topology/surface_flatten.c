@@ -1,7 +1,8 @@
 /* Flatten the tips of a cut surface. Where a cut passes next to a corner of a tetrahedron without voxels beyond the
  * corner, the corner stays attached. It forms a tip on one side of the cut and a pit on the other side. */
 #include "topology/surface.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 

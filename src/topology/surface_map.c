@@ -1,7 +1,7 @@
 /* Hash table of surface points, by nodes and weights. */
 #include "base/fail.h"
 #include "topology/surface.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

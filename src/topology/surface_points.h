@@ -2,7 +2,7 @@
 #ifndef PLIANT_TOPOLOGY_SURFACE_POINTS_H
 #define PLIANT_TOPOLOGY_SURFACE_POINTS_H
 
-#include "pliant/surface.h"
+#include "topology/visible_surface.h"
 
 #ifdef __cplusplus
 extern "C" {

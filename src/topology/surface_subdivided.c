@@ -4,7 +4,7 @@
 #include "topology/surface.h"
 
 #include "mesh/faces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

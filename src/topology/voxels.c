@@ -2,7 +2,8 @@
 #include "topology/links.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <stdatomic.h>
 #include <string.h>

@@ -1,6 +1,7 @@
 /* Create cameras from their usual parameters, and choose the default appearance of a scan. */
 #include "base/fail.h"
 #include "pliant/render.h"
+#include "scan/volume.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,10 +4,12 @@
 #include "base/fail.h"
 #include "base/free_memory.h"
 #include "base/threads.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 #include "scan/write.h"
 #include "state/model.h"
 #include "warp/near_cut.h"
+#include "warp/warp.h"
 
 #include <limits.h>
 #include <math.h>

@@ -1,7 +1,8 @@
 #include "warp/fit.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 #include "warp/fit_point.h"
 
 /* Vectorized code for the machine's instruction set, chosen at program start. Fused operations are disabled

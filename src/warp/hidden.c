@@ -1,5 +1,6 @@
 #include "warp/hidden.h"
 #include "base/fail.h"
+#include "scan/volume.h"
 #include "warp/state.h"
 
 #include <string.h>

@@ -2,7 +2,7 @@
 #include "warp/near_cut.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,7 +3,7 @@
 #define PLIANT_WARP_NEAR_CUT_H
 
 #include "pliant/scan.h"
-#include "pliant/surface.h"
+#include "topology/visible_surface.h"
 
 #ifdef __cplusplus
 extern "C" {

@@ -3,7 +3,7 @@
 #include "base/room.h"
 #include "base/threads.h"
 #include "topology/parts.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp/parts_maker.h"
 
 #include <omp.h>

@@ -1,5 +1,5 @@
 /* Find the differences between a body and the previous one; parts elsewhere are reused. */
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp/parts_maker.h"
 
 enum { OTHER_VOXELS = 1, OTHER_NODES = 2 };

@@ -1,6 +1,6 @@
 /* Label the voxels around one tetrahedron at a cut. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp/parts_maker.h"
 
 #include <math.h>

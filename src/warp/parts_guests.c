@@ -1,5 +1,5 @@
 /* Find the guests of a tetrahedron, and how they follow their carriers. */
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp/parts_maker.h"
 
 #include <math.h>

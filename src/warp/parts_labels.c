@@ -1,5 +1,5 @@
 /* Data that the parts of successive bodies share: labels, most of which stay the same, and the boxes of tetrahedra. */
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp/parts_maker.h"
 
 /* A pool is larger than requested, by an eighth and this number of labels. */

@@ -2,6 +2,7 @@
 #ifndef PLIANT_WARP_PARTS_MAKER_H
 #define PLIANT_WARP_PARTS_MAKER_H
 
+#include "topology/body.h"
 #include "topology/links.h"
 #include "warp/parts.h"
 

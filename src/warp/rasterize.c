@@ -1,5 +1,6 @@
 /* Draw all voxels of one brick: find the owner of each, then compute the values row by row. */
 #include "warp/raster.h"
+#include "scan/volume.h"
 
 #include <string.h>
 

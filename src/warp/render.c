@@ -2,7 +2,9 @@
 
 #include "base/fail.h"
 #include "base/threads.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "scan/volume.h"
+#include "warp/picture.h"
 
 #include <string.h>
 

@@ -1,8 +1,9 @@
 /* Change a warp to another body without redrawing unchanged parts. */
 #include "base/fail.h"
 #include "base/room.h"
+#include "topology/body.h"
 #include "topology/parts.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "warp/state.h"
 
 #include <string.h>

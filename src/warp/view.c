@@ -2,10 +2,12 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "material/mixed.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 #include "warp/render.h"
 #include "state/model.h"
 #include "warp/state.h"
+#include "warp/warp.h"
 
 #include <string.h>
 

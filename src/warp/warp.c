@@ -1,8 +1,11 @@
 /* Update the deformed volume: find the moved elements and the bricks that they touch, and redraw these bricks. */
 #include "base/fail.h"
+#include "base/clock.h"
 #include "base/free_memory.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "scan/volume.h"
 #include "warp/state.h"
+#include "warp/warp.h"
 
 #include <math.h>
 #include <omp.h>

@@ -13,7 +13,9 @@
 //   bench_adapt [bar=DEPTH] [group/name=value ...]
 #include "../pipeline/body.h"
 #include "../pipeline/fragments.h"
+#include "cut/cut.h"
 #include "frames.h"
+#include "sim/api/data.h"
 
 #include <ctime>
 #include <functional>

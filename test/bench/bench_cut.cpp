@@ -8,8 +8,10 @@
 //
 // Usage:
 //   bench_cut [strokes] [sweep=metres] [group/name=value ...]
+#include "cut/cut.h"
 #include "fem/dynamics/tled.h"
 #include "frames.h"
+#include "mesh/mesh.h"
 
 #include <ctime>
 #include <random>

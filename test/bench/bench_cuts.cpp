@@ -13,7 +13,10 @@
 // rests=1: only the host's work for a GPU, so less of the solver; a first cut is rehearsed
 // busy=1: CPU time of the calling thread, for solver/threads=1 on a busy machine; excludes background work
 #include "frames.h"
+#include "base/memory.h"
 #include "fem/quasistatic/solver.h"
+#include "scan/volume.h"
+#include "sim/api/data.h"
 #include "sim/step/cut.h"
 #include "sim/build/discretization.h"
 #include "warp/device.h"

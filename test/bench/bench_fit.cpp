@@ -4,7 +4,9 @@
 //   bench_fit [voxels: 256 160 122] [cells along an edge = 14]      on the CPU
 //   bench_fit cuda                                                  on the GPU, times only: 256 x 160 x 122, 16-bit voxels
 #include "figure.h"
+#include "mesh/mesh.h"
 #include "pliant/pliant.h"
+#include "warp/warp.h"
 
 #include <cmath>
 #include <cstdio>

@@ -10,10 +10,15 @@
 //
 // Limits: identity sampling of a 3-D texture into a volume of the same size, and its copy to page-locked memory.
 #include "backend/backend.h"
+#include "base/clock.h"
 #include "displacement.h"
 #include "figure.h"
+#include "mesh/mesh.h"
+#include "sim/api/data.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
+#include "tool/pick.h"
+#include "warp/warp.h"
 
 #include <cuda_runtime.h>
 

@@ -7,6 +7,7 @@
 // Cates and Whitaker 2003) starts as a ball there. It grows over intensities within 2.5 standard deviations of the mean
 // in the ball, with a curvature weight of 1. Panels: scan, label map, mixture, level set.
 #include "programs/picture.h"
+#include "base/clock.h"
 #include "pliant/pliant.h"
 
 #include <itkFastMarchingImageFilter.h>

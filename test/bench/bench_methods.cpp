@@ -10,7 +10,10 @@
 // Errors refer to the last step, in % of the fine solution's maximum displacement. They are given over the nodes of the
 // body (tetrahedra with at least half tissue), and over all nodes (including air).
 #include "state/data.h"
+#include "base/clock.h"
+#include "base/memory.h"
 #include "pliant/pliant.h"
+#include "sim/build/model.h"
 
 #include <algorithm>
 #include <cctype>

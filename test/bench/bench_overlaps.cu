@@ -8,8 +8,9 @@
 #include "../../cuda/contact/tissue.h"
 #include "contact/detect/grid.h"
 #include "figure.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "rolled.h"
+#include "topology/body.h"
 
 #include <cuda_runtime.h>
 

@@ -8,7 +8,7 @@
 #include "frames.h"
 
 #include "pliant/contact.h"
-#include "pliant/memory.h"
+#include "sim/api/data.h"
 
 #include <array>
 #include <ctime>

@@ -9,6 +9,7 @@
 // methods: also coarse models of the coarsest ratio's cubes, composed of the finest ones
 // dump: write rest positions, positions, fixed flags and tissue of nodes as text
 #include "frames.h"
+#include "mesh/mesh.h"
 
 #include <fstream>
 #include <map>

@@ -2,6 +2,7 @@
 //
 // Usage:
 //   bench_render [SCAN [cpu]]     640 x 480 from three sides, by value and by label, and a radiograph; cpu: no GPU
+#include "base/clock.h"
 #include "figure.h"
 #include "pliant/pliant.h"
 

@@ -3,8 +3,10 @@
 // Usage:
 //   bench_segment [SCAN LABELS] [classes = 0] [coherence = 1]          on the CPU; without SCAN: the phantom at 256 x 160 x 122
 //   bench_segment cuda [SCAN]                                          on the GPU; number of voxels that differ from the CPU's labels
+#include "base/clock.h"
 #include "figure.h"
 #include "pliant/pliant.h"
+#include "scan/volume.h"
 
 #include <algorithm>
 #include <cmath>

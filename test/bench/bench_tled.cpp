@@ -4,6 +4,7 @@
 //   bench_tled cuda [seconds per row = 0.5]                         on the GPU, by size; without and with a tool that pulls
 //   bench_tled frame                                                on one thread, 13,720 tetrahedra, relative to a fixed kernel
 #include "../pipeline/body.h"
+#include "base/clock.h"
 #include "figure.h"
 
 #include <algorithm>

@@ -3,6 +3,7 @@
 #ifndef PLIANT_BENCH_ROLLED_H
 #define PLIANT_BENCH_ROLLED_H
 
+#include "mesh/mesh.h"
 #include "pliant/pliant.h"
 
 #include <algorithm>

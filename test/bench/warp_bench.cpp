@@ -9,9 +9,10 @@
 // straight rows. The remaining time of the warp is the search for owners (a third), the map, and the interpolation.
 //
 // Columns: wall time by stage, and CPU time of all threads, each also as a fraction of ITK's.
+#include "base/clock.h"
 #include "displacement.h"
-#include "pliant/memory.h"
-#include "pliant/warp.h"
+#include "mesh/mesh.h"
+#include "warp/warp.h"
 
 #include <itkImage.h>
 #include <itkVector.h>

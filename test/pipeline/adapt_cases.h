@@ -4,9 +4,10 @@
 
 #include "body.h"
 #include "fragments.h"
+#include "scan/volume.h"
+#include "sim/api/data.h"
 #include "sim/build/discretization.h"
 #include "state/data.h"
-#include "pliant/memory.h"
 #include "warp/raster.h"
 
 #include <algorithm>

@@ -1,5 +1,7 @@
 // Successive bodies of a running simulation: derived data are carried over to the next body.
 #include "adapt_cases.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 namespace {
 

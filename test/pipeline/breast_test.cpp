@@ -3,9 +3,11 @@
 #include "base/matrix.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
+#include "mesh/mesh.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
 #include "program.h"
+#include "tool/path.h"
 
 #include <array>
 #include <cmath>

@@ -1,7 +1,9 @@
 // The stage of a step that detects contact with instruments: no tool passes through, nothing diverges, and it costs
 // nothing without possible contact.
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "fem/element/scalar.h"
 #include "sheet.h"
+#include "sim/build/linear.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
 #include "solids.h"

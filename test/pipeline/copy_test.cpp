@@ -1,7 +1,8 @@
 // Copy and restore a simulation: the same steps give bitwise identical results, with grasps, cuts, detached pieces and
 // relaxed tissue.
 #include "body.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "sim/api/data.h"
 #include "state/data.h"
 
 #include <memory>

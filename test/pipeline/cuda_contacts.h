@@ -7,7 +7,7 @@
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/rigid/falling.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "tongue.h"
 
 namespace cuda_contacts {

@@ -4,6 +4,7 @@
 #include "cuda_warps.h"
 #include "fragments.h"
 #include "pliant/cut.h"
+#include "sim/api/data.h"
 
 #include <cstring>
 #include <string>

@@ -3,7 +3,7 @@
 #include "cuda_bodies.h"
 #include "cuda_contacts.h"
 #include "cuda_warps.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string>
 

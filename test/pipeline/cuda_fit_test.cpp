@@ -3,6 +3,7 @@
 #include "cuda_warps.h"
 #include "cut_cases.h"
 #include "warp/state.h"
+#include "warp/warp.h"
 
 #include <string>
 

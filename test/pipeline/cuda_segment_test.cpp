@@ -1,4 +1,5 @@
 // Segmentation on the GPU gives the CPU's labels. Skipped without a GPU.
+#include "base/memory.h"
 #include "cuda_warps.h"
 #include "pliant/pliant.h"
 

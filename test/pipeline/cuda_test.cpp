@@ -3,7 +3,6 @@
 #include "cuda_bodies.h"
 #include "cuda_warps.h"
 #include "state/data.h"
-#include "pliant/memory.h"
 #include "tolerance.h"
 
 #include <algorithm>

@@ -1,11 +1,12 @@
 // Explicit dynamics on the GPU against the CPU: whole runs, repeated results, divergence, a failing GPU. Skipped
 // without a GPU.
 #include "backend/backend.h"
+#include "backend/dynamics.h"
 #include "body.h"
 #include "cuda_warps.h"
 #include "fem/dynamics/tled.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <array>
 #include <cstdio>

@@ -4,6 +4,7 @@
 #include "cuda_warps.h"
 #include "cut_cases.h"
 #include "pliant/pliant.h"
+#include "tool/pick.h"
 
 #include <random>
 #include <string>

@@ -5,6 +5,8 @@
 #include "backend/backend.h"
 #include "warp/device.h"
 
+#include "mesh/mesh.h"
+#include "scan/volume.h"
 #include "state/data.h"
 #include <gtest/gtest.h>
 

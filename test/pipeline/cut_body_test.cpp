@@ -1,5 +1,6 @@
 // Random strokes through whole scans during a deformation: pieces, masses, materials.
 #include "../cuts.h"
+#include "mesh/mesh.h"
 
 #include <sys/stat.h>
 

@@ -2,6 +2,8 @@
 // models agree with the fine model.
 #include "../cuts.h"
 #include "fem/quasistatic/solver.h"
+#include "mesh/mesh.h"
+#include "sim/api/data.h"
 
 #include <array>
 

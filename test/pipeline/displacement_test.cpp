@@ -1,6 +1,8 @@
 // Displacement fields against the deformed volume, with an independent resampler; mesh files against the mesh.
 #include "../scan_files.h"
 #include "body.h"
+#include "mesh/mesh.h"
+#include "scan/volume.h"
 
 #include <fstream>
 #include <sstream>

@@ -1,7 +1,7 @@
 // Detached pieces fall, land, and swing on tools. They do not affect the rest of the body.
 #include "hanging_bar.h"
 #include "fem/rigid/pieces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <memory>

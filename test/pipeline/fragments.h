@@ -3,7 +3,7 @@
 #ifndef PLIANT_TEST_FRAGMENTS_H
 #define PLIANT_TEST_FRAGMENTS_H
 
-#include "pliant/body.h"
+#include "topology/body.h"
 
 #include <algorithm>
 #include <array>

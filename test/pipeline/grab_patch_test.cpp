@@ -3,7 +3,7 @@
 #include "pliant/contact.h"
 
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <array>
 #include <string>

@@ -3,6 +3,7 @@
 #define PLIANT_TEST_HANGING_BAR_H
 
 #include "body.h"
+#include "sim/api/data.h"
 #include "state/data.h"
 
 #include <cmath>

@@ -2,7 +2,7 @@
 // converged meshes.
 #include "beam.h"
 
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 namespace {
 

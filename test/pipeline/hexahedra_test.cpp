@@ -2,9 +2,13 @@
 #include "beam.h"
 #include "fragments.h"
 
+#include "base/memory.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "fem/element/rotation.h"
 #include "base/dense.h"
+#include "fem/element/scalar.h"
+#include "mesh/mesh.h"
+#include "sim/api/data.h"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,10 @@
 // Blades through tissue, step by step: the cut, its work, and the unchanged rest.
 #include "cuts.h"
+#include "fem/element/scalar.h"
+#include "mesh/mesh.h"
+#include "sim/build/model.h"
 #include "sim/step/cut.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <memory>

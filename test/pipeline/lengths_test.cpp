@@ -1,7 +1,8 @@
 // Automatic lengths follow from the size of the body; for patients they have their usual values.
 #include "pipeline/body.h"
 #include "pliant/report.h"
-#include "pliant/session.h"
+#include "scene/scene.h"
+#include "sim/build/model.h"
 
 #include <array>
 #include <cmath>

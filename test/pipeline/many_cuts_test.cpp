@@ -1,6 +1,8 @@
 // Many cuts in one simulation: no memory leaks, unchanged data are shared, derived data equal recomputed ones, and the
 // rendered volume equals that of a new warp.
 #include "../cuts.h"
+#include "base/memory.h"
+#include "sim/api/data.h"
 #include "sim/build/discretization.h"
 
 #include <atomic>

@@ -1,5 +1,6 @@
 // Output quantities: stress, energy, volume, inversion, clearance, upsampled positions.
 #include "body.h"
+#include "fem/element/scalar.h"
 
 #include <Eigen/Dense>
 

@@ -1,6 +1,7 @@
 // Constant strain, rigid motion, zero modes, homogeneous material: requirements for every element, independently of its
 // stiffness's origin.
 #include "body.h"
+#include "mesh/mesh.h"
 
 #include <Eigen/Dense>
 

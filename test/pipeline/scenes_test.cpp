@@ -3,6 +3,7 @@
 #include "contact/detect/follow.h"
 #include "state/data.h"
 #include "pliant/pliant.h"
+#include "tool/path.h"
 
 #include <gtest/gtest.h>
 

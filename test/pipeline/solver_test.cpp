@@ -2,7 +2,8 @@
 #include "beam.h"
 
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "fem/element/scalar.h"
 
 #include <atomic>
 

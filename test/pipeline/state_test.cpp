@@ -1,9 +1,10 @@
 // The simulation state: restore gives the saved bits, the same steps follow each time, and a failed step changes
 // nothing.
 #include "body.h"
+#include "cut/cut.h"
 #include "fem/dynamics/tled.h"
 #include "pliant/contact.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/state.h"
 
 #include <memory>

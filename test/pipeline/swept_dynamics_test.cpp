@@ -3,7 +3,7 @@
 #include "sweeps.h"
 
 #include "fem/dynamics/tled.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <vector>
 

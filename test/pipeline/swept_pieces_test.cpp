@@ -2,7 +2,7 @@
 #include "sweeps.h"
 
 #include "fem/rigid/falling.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 // No tool tunnels through tissue at 1 m/s, with any shape and path; it pushes the tissue along.
 #include "sweeps.h"
 
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <array>

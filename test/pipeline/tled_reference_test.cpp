@@ -1,6 +1,7 @@
 // Explicit dynamics against published results: Cook's membrane, and the measured Truth Cube.
 #include "body.h"
 #include "fem/dynamics/tled.h"
+#include "mesh/mesh.h"
 
 #include <Eigen/Dense>
 #include <cstdio>

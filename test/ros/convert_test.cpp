@@ -1,3 +1,4 @@
+#include "cut/cut.h"
 #include "grids.h"
 #include "state/data.h"
 #include "pliant/ros/convert.h"

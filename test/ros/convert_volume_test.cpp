@@ -3,6 +3,7 @@
 #include "pliant/ros/convert.h"
 #include "ros/output/noise.h"
 #include "ros/output/sent_volume.h"
+#include "scan/volume.h"
 #include "state/data.h"
 
 #include <gtest/gtest.h>

@@ -1,6 +1,7 @@
 // Sessions of every engine with cuts are recorded to a bag as the node does, and recomputed from it; each step must be
 // bitwise identical. On a GPU if there is one. No master, no clock.
 #include "../pipeline/adapt_cases.h"
+#include "material/material.h"
 #include "ros/record/earlier.h"
 #include "ros/record/message.h"
 #include "ros/record/rerun.h"

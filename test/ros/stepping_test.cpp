@@ -1,5 +1,6 @@
 // A recorded step is executed as recorded by a newer library, too. No ROS, no clock.
 #include "../pipeline/body.h"
+#include "contact/shapes/tool_shape.h"
 #include "ros/sim/stepping.h"
 
 #include <algorithm>

@@ -2,7 +2,7 @@
 
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "fem/dynamics/tled_cubes.h"
 #include "cuda/fem/dynamics/tled_touch.h"
 

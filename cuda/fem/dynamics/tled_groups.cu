@@ -1,7 +1,7 @@
 /* Groups of adjacent nodes, and the elements of each group. */
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/dynamics/tled_state.h"
 
 #include <algorithm>

@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "cuda/base/check.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <algorithm>
 #include <cstring>

@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "cuda/base/check.h"
 #include "fem/element/corotational.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/linear/sweep.cuh"
 
 #include <cstring>

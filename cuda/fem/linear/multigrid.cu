@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "fem/linear/hierarchy.h"
 #include "cuda/fem/linear/multigrid.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <initializer_list>
 

@@ -1,6 +1,6 @@
 #include "cuda/base/check.h"
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/linear/preconditioner.h"
 
 #include <cstring>

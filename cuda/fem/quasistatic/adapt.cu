@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 
 enum { THREADS = 128 };

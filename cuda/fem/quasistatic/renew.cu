@@ -10,7 +10,7 @@
 #include "cuda/base/check.h"
 #include "cuda/fem/element/forces.h"
 #include "fem/quasistatic/background.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "state/discretization.h"
 

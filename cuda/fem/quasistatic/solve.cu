@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "cuda/base/device.h"
 #include "cuda/fem/element/forces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "state/discretization.h"
 #include "cuda/fem/coarse/upsample.h"

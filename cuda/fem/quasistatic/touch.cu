@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "cuda/base/check.h"
 #include "contact/solve/cone_rules.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "cuda/fem/quasistatic/solver.h"
 #include "cuda/fem/quasistatic/touch_kernels.h"
 

@@ -35,6 +35,8 @@
 #include <string>
 #include <vector>
 
+struct pliant_surface; // opaque: the surface of a cut body
+
 namespace pliant_ros {
 
 using pliant::ContactState;

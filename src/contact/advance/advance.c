@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "base/threads.h"
 #include "contact/advance/near.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

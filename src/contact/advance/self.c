@@ -5,7 +5,7 @@
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
 #include "contact/advance/near.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

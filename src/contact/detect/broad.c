@@ -1,7 +1,7 @@
 #include "contact/detect/broad.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 

@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "base/lanes.h"
 #include "contact/detect/overlap.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <float.h>
 #include <math.h>

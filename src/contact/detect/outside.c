@@ -3,7 +3,8 @@
 #include "base/fail.h"
 #include "contact/detect/follow.h"
 #include "contact/detect/tissue.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "contact/detect/follow.h"
 #include "contact/detect/tissue_rules.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -2,10 +2,11 @@
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
+#include "mesh/mesh.h"
 #include "topology/links.h"
 #include "contact/detect/find.h"
 #include "contact/detect/follow.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>

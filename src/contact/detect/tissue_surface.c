@@ -2,7 +2,9 @@
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
+#include "topology/body.h"
 
 #include <math.h>
 #include <stdlib.h>

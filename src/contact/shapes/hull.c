@@ -4,7 +4,7 @@
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

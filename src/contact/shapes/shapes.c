@@ -2,6 +2,7 @@
 
 #include "base/rotate.h"
 #include "contact/shapes/solid.h"
+#include "contact/shapes/tool_shape.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,7 +1,8 @@
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "contact/shapes/tool_shape.h"
 
 #include <math.h>
 #include <stdlib.h>

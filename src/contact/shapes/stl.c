@@ -3,7 +3,7 @@
 
 #include "base/fail.h"
 #include "base/open.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "scene/yaml.h"
 
 #include <ctype.h>

@@ -2,7 +2,8 @@
 #include "fem/coarse/cubes.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

@@ -18,7 +18,8 @@
 #include "fem/coarse/calibrate.h"
 #include "fem/coarse/cubes.h"
 #include "base/dense.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

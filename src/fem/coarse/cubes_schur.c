@@ -4,7 +4,7 @@
 
 #include "base/fail.h"
 #include "base/dense.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -12,7 +12,7 @@
 #include "base/room.h"
 #include "fem/coarse/graded.h"
 #include "fem/element/hexahedra.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

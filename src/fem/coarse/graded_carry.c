@@ -1,7 +1,7 @@
 /* Mapping of solved nodes across a cut that has replaced coarse elements by fine elements (graded.c). */
 #include "base/fail.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

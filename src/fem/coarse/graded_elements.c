@@ -4,7 +4,7 @@
 #include "base/room.h"
 #include "fem/coarse/graded.h"
 #include "fem/element/hexahedra.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

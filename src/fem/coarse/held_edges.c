@@ -12,7 +12,7 @@
  * of the ratio of the harmonic to the arithmetic mean of the shear moduli: 1 for tissue of one modulus. */
 #include "base/fail.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 

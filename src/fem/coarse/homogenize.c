@@ -12,7 +12,8 @@
 #include "fem/coarse/calibrate.h"
 #include "base/dense.h"
 #include "fem/coarse/shapes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -6,7 +6,8 @@
 #include "fem/coarse/lod_corrector.h"
 #include "fem/coarse/lod_macro.h"
 #include "fem/element/hexahedra.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <stdio.h>

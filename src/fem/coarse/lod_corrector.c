@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/dense.h"
 #include "fem/coarse/lod_corrector.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,7 +3,7 @@
 #include "base/dense.h"
 #include "fem/coarse/lod_macro.h"
 #include "fem/element/hexahedra.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

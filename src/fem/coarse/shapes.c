@@ -1,7 +1,7 @@
 #include "fem/coarse/shapes.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

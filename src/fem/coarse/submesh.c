@@ -1,6 +1,7 @@
 #include "base/fail.h"
 #include "fem/coarse/submesh.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

@@ -5,7 +5,8 @@
 #include "fem/element/hexahedra.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

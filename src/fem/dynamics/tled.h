@@ -23,6 +23,7 @@
 #include "contact/detect/tissue.h"
 #include "fem/dynamics/touch.h"
 #include "state/data.h"
+#include "topology/body.h"
 
 #ifdef __cplusplus
 extern "C" {

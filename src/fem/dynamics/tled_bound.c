@@ -4,7 +4,8 @@
  * neighbours, whose detached voxels can move with it. No cut can break this bound. */
 #include "base/fail.h"
 #include "fem/dynamics/tled_cubes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -16,7 +16,6 @@
 #include "base/fail.h"
 #include "topology/parts.h"
 #include "fem/dynamics/tled_regions.h"
-#include "pliant/memory.h"
 
 #include <math.h>
 #include <string.h>

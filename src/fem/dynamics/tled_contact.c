@@ -2,7 +2,7 @@
 #include "fem/dynamics/tled.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,7 +3,8 @@
 #include "base/room.h"
 #include "base/threads.h"
 #include "fem/dynamics/tled_cubes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

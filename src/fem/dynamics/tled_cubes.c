@@ -1,7 +1,8 @@
 #include "fem/dynamics/tled_cubes.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,6 @@
 /* Energies of the whole body in double precision, for checks and reports. */
 #include "fem/dynamics/tled_cubes.h"
+#include "mesh/mesh.h"
 
 /* @param back  Number of increments to subtract: 0 or 1. */
 static void deformation_of(const pliant_tled *tled, const int32_t nodes[4], const double g[12], double back, double f[9])

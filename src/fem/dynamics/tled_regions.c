@@ -3,7 +3,7 @@
 
 #include "base/fail.h"
 #include "topology/parts.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 

@@ -1,5 +1,6 @@
 /* A frame of TLED: sub-steps of central differences, or dynamic relaxation. */
 #include "base/fail.h"
+#include "base/clock.h"
 #include "fem/dynamics/tled.h"
 
 #include <math.h>

@@ -3,7 +3,8 @@
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -16,7 +16,8 @@
 #include "fem/element/hexahedra.h"
 #include "base/dense.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,7 +4,7 @@
 #include "fem/element/macro_element.h"
 #include "fem/element/rotation.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>

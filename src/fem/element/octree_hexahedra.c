@@ -12,7 +12,7 @@
 #include "base/fail.h"
 #include "fem/element/hexahedra.h"
 #include "mesh/octree.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

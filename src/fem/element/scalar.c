@@ -3,9 +3,11 @@
 #include "fem/element/hexahedra.h"
 #include "fem/element/law.h"
 #include "fem/element/rotation.h"
+#include "fem/element/scalar.h"
 #include "fem/element/tensors.h"
+#include "mesh/mesh.h"
 #include "state/data.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

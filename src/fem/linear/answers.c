@@ -1,7 +1,7 @@
 #include "fem/linear/answers.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -2,7 +2,8 @@
 
 #include "base/fail.h"
 #include "base/dense.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 #include <string.h>

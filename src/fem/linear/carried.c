@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "base/room.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "state/discretization.h"
 
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "base/fail.h"
 #include "fem/linear/halves.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <cholmod.h>
 #include <pthread.h>

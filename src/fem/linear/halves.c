@@ -2,7 +2,7 @@
 
 #include "base/fail.h"
 #include "base/lanes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

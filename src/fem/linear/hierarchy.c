@@ -1,7 +1,8 @@
 /* The levels of a multigrid: nested lattices, and the transfer of values between them. */
 #include "base/fail.h"
 #include "fem/linear/hierarchy.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

@@ -1,5 +1,6 @@
 /* Relations between a level of a hierarchy and the next coarser one: cells and interpolation weights. */
 #include "fem/linear/hierarchy.h"
+#include "mesh/mesh.h"
 
 #include <string.h>
 

@@ -5,7 +5,7 @@
 #include "fem/linear/hierarchy.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -3,7 +3,7 @@
 #include "base/room.h"
 #include "fem/element/hexahedra.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -1,7 +1,7 @@
 /* Pattern and values of the stiffness matrix. */
 #include "base/fail.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

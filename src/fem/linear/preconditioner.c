@@ -3,7 +3,7 @@
 #include "fem/linear/basis.h"
 #include "fem/linear/carried.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

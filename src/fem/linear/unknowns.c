@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "base/room.h"
 #include "fem/system.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "base/fail.h"
 #include "fem/patch/patch_job.h"
 #include "fem/quasistatic/background.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "state/discretization.h"
 
 #include <math.h>

@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "contact/detect/find.h"
 #include "fem/patch/patch_job.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

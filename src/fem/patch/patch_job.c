@@ -4,7 +4,7 @@
 #include "base/room.h"
 #include "base/threads.h"
 #include "fem/patch/patch_job.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

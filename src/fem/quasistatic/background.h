@@ -2,6 +2,7 @@
 #ifndef PLIANT_FEM_QUASISTATIC_BACKGROUND_H
 #define PLIANT_FEM_QUASISTATIC_BACKGROUND_H
 
+#include "state/background.h"
 #include "state/data.h"
 
 /* Return whether steps are live or a replay of live steps. Live steps do not wait for results. Nullable background:

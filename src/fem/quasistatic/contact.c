@@ -3,7 +3,7 @@
 #include "base/fail.h"
 #include "contact/solve/cones.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

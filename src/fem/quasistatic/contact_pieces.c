@@ -2,7 +2,7 @@
 #include "fem/quasistatic/contact.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

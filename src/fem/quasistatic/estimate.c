@@ -9,7 +9,7 @@
  * therefore done at the end of a step instead of the start of the next one, and the step can report its final error. */
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,7 +3,7 @@
 #include "base/dense.h"
 #include "base/room.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -5,7 +5,7 @@
 #include "fem/element/macro_element.h"
 #include "fem/element/deformation.h"
 #include "fem/element/rotation.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -7,7 +7,7 @@
 #include "base/fail.h"
 #include "fem/quasistatic/held.h"
 #include "fem/quasistatic/opened_rules.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

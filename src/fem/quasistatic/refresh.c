@@ -14,7 +14,7 @@
 #include "base/dense.h"
 #include "fem/quasistatic/background.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "state/discretization.h"
 
 #include <pthread.h>

@@ -4,7 +4,7 @@
 #include "base/room.h"
 #include "fem/quasistatic/secant_equations.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

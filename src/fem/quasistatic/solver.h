@@ -20,6 +20,7 @@
 #include "fem/quasistatic/even.h"
 #include "fem/quasistatic/nodal_rotations.h"
 #include "fem/system.h"
+#include "state/background.h"
 #include "state/data.h"
 
 #ifdef __cplusplus

@@ -1,8 +1,9 @@
 /* Creation and destruction of a solver, and its load. */
 #include "base/fail.h"
+#include "base/clock.h"
 #include "base/room.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

@@ -5,7 +5,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/element/rotation.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

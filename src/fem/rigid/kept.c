@@ -2,7 +2,7 @@
 #include "base/fail.h"
 #include "fem/element/rotation.h"
 #include "fem/rigid/pieces.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <string.h>

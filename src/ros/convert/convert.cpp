@@ -1,4 +1,8 @@
 #include "pliant/ros/convert.h"
+#include "fem/element/scalar.h"
+#include "sim/api/data.h"
+#include "topology/body.h"
+#include "topology/visible_surface.h"
 
 #include <Eigen/Geometry>
 #include <tf2_eigen/tf2_eigen.h>

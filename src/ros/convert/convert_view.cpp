@@ -1,5 +1,7 @@
 /* Convert the mesh to Marker and PointCloud2 messages, which rviz displays without plugins. */
 #include "pliant/ros/convert.h"
+#include "contact/shapes/tool_shape.h"
+#include "topology/visible_surface.h"
 
 #include <Eigen/Geometry>
 #include <tf2_eigen/tf2_eigen.h>

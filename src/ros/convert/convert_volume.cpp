@@ -1,5 +1,6 @@
 /* Convert volumes to messages: boxes of voxels, and slices as images. */
 #include "pliant/ros/convert.h"
+#include "scan/volume.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,5 @@
 #include "ros/node/diagnostics.h"
+#include "base/memory.h"
 
 #include <unistd.h>
 

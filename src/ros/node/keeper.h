@@ -6,6 +6,7 @@
 #include "ros/node/registration.h"
 #include "ros/node/services.h"
 #include "ros/params/problem.h"
+#include "topology/visible_surface.h"
 
 namespace pliant_ros {
 

@@ -1,5 +1,7 @@
 #include "ros/node/services.h"
 
+#include "base/clock.h"
+#include "material/material.h"
 #include "ros/node/confine.h"
 
 #include <cmath>

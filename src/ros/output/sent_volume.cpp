@@ -1,4 +1,5 @@
 #include "ros/output/sent_volume.h"
+#include "scan/volume.h"
 
 #include <algorithm>
 #include <cmath>

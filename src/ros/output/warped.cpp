@@ -1,4 +1,6 @@
 #include "ros/output/warped.h"
+#include "sim/build/model.h"
+#include "warp/warp.h"
 
 namespace pliant_ros {
 

@@ -1,4 +1,5 @@
 #include "ros/params/start.h"
+#include "base/clock.h"
 
 #include <ros/console.h>
 #include <ros/param.h>

@@ -1,4 +1,4 @@
-/* Play a recorded tool path (pliant/path.h) as a robot would publish it. No robot and no display is needed. Each tool
+/* Play a recorded tool path (src/tool/path.h) as a robot would publish it. No robot and no display is needed. Each tool
  * publishes measured_cp and jaw/measured_js; a cutting tool publishes blade (its edge is the node's parameter
  * ~tool/<name>/blade). Instant cuts use the service.
  *
@@ -7,7 +7,7 @@
  * open jaw at the grasped point; hold [s, 2] at the end of the path; rest [s, 2], open jaw there. */
 #include "ros/programs/tool_sender.h"
 
-#include "pliant/path.h"
+#include "tool/path.h"
 
 #include <pliant/CutLine.h>
 #include <pliant/SimState.h>

@@ -1,4 +1,6 @@
 #include "ros/record/recorded.h"
+#include "base/fail.h"
+#include "cut/cut.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,7 @@
 #include "ros/record/tables.h"
 
 #include "ros/sim/loaded.h"
+#include "sim/api/data.h"
 
 #include <cerrno>
 #include <cinttypes>

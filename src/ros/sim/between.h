@@ -14,7 +14,7 @@
 
 #include "ros/sim/ramp.h"
 
-#include "pliant/linear.h"
+#include "sim/build/linear.h"
 
 namespace pliant_ros {
 

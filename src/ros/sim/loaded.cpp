@@ -1,4 +1,6 @@
 #include "ros/sim/loaded.h"
+#include "scan/volume.h"
+#include "sim/build/model.h"
 
 #include <algorithm>
 #include <cinttypes>

@@ -3,6 +3,7 @@
 #define PLIANT_ROS_SIM_LOADED_H
 
 #include "pliant/pliant.h"
+#include "topology/visible_surface.h"
 
 #include <memory>
 #include <stdexcept>

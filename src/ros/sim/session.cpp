@@ -1,6 +1,8 @@
 #include "ros/sim/session.h"
 
+#include "material/material.h"
 #include "pliant/ros/convert.h"
+#include "scene/scene.h"
 
 #include <algorithm>
 #include <unistd.h>

@@ -1,4 +1,6 @@
 #include "ros/sim/simulation.h"
+#include "contact/shapes/tool_shape.h"
+#include "sim/api/data.h"
 
 #include <algorithm>
 #include <cmath>

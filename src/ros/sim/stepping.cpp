@@ -1,4 +1,5 @@
 #include "ros/sim/stepping.h"
+#include "contact/shapes/tool_shape.h"
 
 #include <algorithm>
 #include <cstring>

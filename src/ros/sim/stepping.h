@@ -3,6 +3,7 @@
 #define PLIANT_ROS_SIM_STEPPING_H
 
 #include "ros/sim/loaded.h"
+#include "state/background.h"
 
 #include <pliant/Step.h>
 

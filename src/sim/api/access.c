@@ -1,6 +1,9 @@
 /* What a model and a data tell of themselves. */
 #include "base/fail.h"
+#include "fem/element/scalar.h"
 #include "material/mixed.h"
+#include "sim/api/data.h"
+#include "sim/build/model.h"
 #include "sim/step/contact.h"
 
 #include <math.h>
@@ -40,14 +43,6 @@ const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revis
 {
     if (revision) *revision = data->body->revision;
     return data->positions;
-}
-
-pliant_status pliant_data_copy_positions(const pliant_data *data, int32_t nodes, double *out, uint64_t *revision)
-{
-    if (nodes < data->body->fine.num_nodes)
-        return pliant_fail(PLIANT_ERROR_ARGUMENT, "positions: there are %d nodes, the room is for %d", data->body->fine.num_nodes, nodes);
-    memcpy(out, pliant_data_get_positions(data, revision), 3 * (size_t)data->body->fine.num_nodes * sizeof *out);
-    return PLIANT_OK;
 }
 
 int32_t pliant_data_get_inverted(const pliant_data *data) { return pliant_mesh_inverted(&data->body->fine, data->positions); }

@@ -1,6 +1,7 @@
 /* What a step tells of contacts. */
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "fem/element/scalar.h"
 #include "sim/step/contact.h"
 
 #include <math.h>

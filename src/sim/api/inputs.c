@@ -1,6 +1,9 @@
 /* From paths to what a model is built of. */
 #include "base/fail.h"
 #include "base/threads.h"
+#include "material/material.h"
+#include "scan/volume.h"
+#include "sim/build/model.h"
 #include "state/model.h"
 #include "pliant/segment.h"
 

@@ -7,7 +7,8 @@
 #include "fem/dynamics/tled.h"
 #include "fem/element/hexahedra.h"
 #include "fem/patch/patch.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 #include "state/discretization.h"
 
 #include <string.h>

@@ -2,9 +2,11 @@
 #include "sim/build/external.h"
 
 #include "base/fail.h"
+#include "material/material.h"
 #include "material/names.h"
+#include "mesh/mesh.h"
 #include "mesh/mesh_file.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdio.h>

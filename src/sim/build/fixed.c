@@ -1,7 +1,8 @@
 #include "sim/build/fixed.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
+#include "mesh/mesh.h"
 
 #include <math.h>
 

@@ -2,7 +2,7 @@
 #include "pliant/contact.h"
 #include "pliant/data.h"
 #include "pliant/displacement.h"
-#include "pliant/layout.h"
+#include "sim/build/layout.h"
 #include "pliant/render.h"
 
 #include <string.h>

@@ -1,8 +1,10 @@
 #include "sim/build/lengths.h"
 
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "pliant/warp.h"
+#include "scan/volume.h"
+#include "sim/build/model.h"
 
 #include <math.h>
 

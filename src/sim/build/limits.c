@@ -2,6 +2,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"
+#include "sim/api/data.h"
 
 #include <math.h>
 

@@ -1,5 +1,5 @@
 /* Wrench and stiffness of a tool after a step, for what answers between steps. */
-#include "pliant/linear.h"
+#include "sim/build/linear.h"
 
 #include "backend/backend.h"
 #include "base/fail.h"

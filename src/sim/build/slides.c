@@ -2,8 +2,8 @@
 
 #include "base/fail.h"
 #include "topology/links.h"
-#include "pliant/cut.h"
-#include "pliant/memory.h"
+#include "cut/cut.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "base/vtk_file.h"
 #include "fem/element/tensors.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "topology/surface_points.h"
 
 #include <math.h>

@@ -8,7 +8,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/rigid/falling.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/legs.h"
 #include "tool/clearance.h"
 

@@ -2,6 +2,7 @@
 #ifndef PLIANT_SIM_CUT_H
 #define PLIANT_SIM_CUT_H
 
+#include "cut/cut.h"
 #include "state/data.h"
 
 #ifdef __cplusplus

@@ -8,7 +8,7 @@
 #include "fem/quasistatic/solver.h"
 #include "tool/clearance.h"
 #include "tool/tool.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/contact.h"
 #include "sim/step/cut.h"
 #include "sim/build/discretization.h"

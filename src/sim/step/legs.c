@@ -5,7 +5,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/contact.h"
 #include "sim/step/stage.h"
 #include "tool/tool.h"

@@ -4,7 +4,7 @@
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
 

@@ -1,6 +1,7 @@
 #include "sim/step/proxy.h"
 
 #include "base/rotate.h"
+#include "contact/shapes/tool_shape.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,7 +4,6 @@
 #include "base/room.h"
 #include "fem/quasistatic/solver.h"
 #include "pliant/cut.h"
-#include "pliant/memory.h"
 #include "sim/step/cut.h"
 #include "sim/build/discretization.h"
 #include "warp/device.h"

@@ -6,7 +6,7 @@
 #include "base/room.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <string.h>
 

@@ -2,6 +2,7 @@
 #ifndef PLIANT_SIM_STAGE_H
 #define PLIANT_SIM_STAGE_H
 
+#include "base/clock.h"
 #include "base/threads.h"
 #include "state/data.h"
 

@@ -6,6 +6,7 @@
 
 #include "fem/rigid/pieces.h"
 #include "pliant/state.h"
+#include "state/background.h"
 #include "state/data.h"
 
 #ifdef __cplusplus

@@ -4,7 +4,7 @@
 #include "base/fail.h"
 #include "contact/detect/find.h"
 #include "contact/shapes/shapes.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/contact.h"
 
 #include <math.h>

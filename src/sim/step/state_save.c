@@ -3,7 +3,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/contact.h"
 #include "tool/tool.h"
 

@@ -5,9 +5,9 @@
 #include "fem/dynamics/tled.h"
 #include "fem/rigid/falling.h"
 #include "fem/quasistatic/solver.h"
+#include "sim/api/data.h"
 #include "tool/blade.h"
 #include "tool/tool.h"
-#include "pliant/memory.h"
 #include "sim/step/contact.h"
 #include "sim/step/cut.h"
 #include "sim/step/held.h"
@@ -15,6 +15,7 @@
 #include "sim/step/stage.h"
 #include "sim/step/state.h"
 #include "warp/device.h"
+#include "warp/warp.h"
 
 #include <math.h>
 #include <string.h>

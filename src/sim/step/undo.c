@@ -1,7 +1,8 @@
 /* What a cut makes of a simulation, cuts at once, and bodies from before them. */
 #include "base/fail.h"
+#include "sim/api/data.h"
 #include "tool/blade.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 #include "sim/step/cut.h"
 #include "sim/step/held.h"
 

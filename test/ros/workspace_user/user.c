@@ -8,13 +8,13 @@ int main(void)
 {
     const int32_t size[3] = {24, 17, 20};
     pliant_volume scan = {0};
-    pliant_points points = {0};
+    pliant_report_tables tables = {0};
     if (pliant_phantom(size, 1, &scan, NULL) != PLIANT_OK) {
         fprintf(stderr, "%s\n", pliant_last_error());
         return 1;
     }
     printf("Pliant %s, a scan of %d slices\n", pliant_version(), (int)scan.geometry.size[2]);
     pliant_volume_free(&scan);
-    pliant_points_free(&points);
+    pliant_report_close(&tables);
     return 0;
 }

@@ -1,5 +1,4 @@
-/** @file path.h
- *  A recorded tool path: what a tool does over time, for runs without a robot.
+/* A recorded tool path: what a tool does over time, for runs without a robot.
  *
  *  YAML:  tools:
  *           - name: grasper
@@ -32,9 +31,10 @@
  *  Cuts at once, without a tool, along a line of points of the tissue as it lies then, and as deep as `depth` [m]:
  *      cuts: [{time: 1, points: [[x, y, z], [x, y, z]], depth: [0, 0.05, 0]}]
  */
-#ifndef PLIANT_PATH_H
-#define PLIANT_PATH_H
+#ifndef PLIANT_TOOL_PATH_H
+#define PLIANT_TOOL_PATH_H
 
+#include "base/export.h"
 #include "pliant/contact.h"
 
 #ifdef __cplusplus
@@ -88,20 +88,20 @@ typedef struct pliant_path {
 } pliant_path;
 
 /** Errors name file, field and line: FILE, FORMAT, MEMORY. Free with pliant_path_free. */
-PLIANT_API pliant_status pliant_path_read(const char *path, pliant_path *out);
-PLIANT_API void pliant_path_free(pliant_path *path);
+PLIANT_INTERNAL pliant_status pliant_path_read(const char *path, pliant_path *out);
+PLIANT_INTERNAL void pliant_path_free(pliant_path *path);
 /** Offset, or force of a tool of drive: force, at a time, and whether the tool still holds. */
-PLIANT_API bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
+PLIANT_INTERNAL bool pliant_path_at(const pliant_path_tool *tool, double time, double value[3]);
 /** Pose of a tool at a time, held before the first and after the last; false: it has none. */
-PLIANT_API bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4]);
+PLIANT_INTERNAL bool pliant_path_pose_at(const pliant_path_tool *tool, double time, double position[3], double rotation[4]);
 /** Angle of its jaw at a time [rad], likewise; 0 of a tool without poses. */
-PLIANT_API double pliant_path_jaw_at(const pliant_path_tool *tool, double time);
+PLIANT_INTERNAL double pliant_path_jaw_at(const pliant_path_tool *tool, double time);
 /** Whether its blade is on. */
-PLIANT_API bool pliant_path_cuts(const pliant_path_tool *tool, double time);
+PLIANT_INTERNAL bool pliant_path_cuts(const pliant_path_tool *tool, double time);
 /** Gravity at a time; false: the path says nothing of it. */
-PLIANT_API bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]);
+PLIANT_INTERNAL bool pliant_path_gravity(const pliant_path *path, double time, double gravity[3]);
 /** Last time of any tool, cut and of gravity [s]. */
-PLIANT_API double pliant_path_end(const pliant_path *path);
+PLIANT_INTERNAL double pliant_path_end(const pliant_path *path);
 
 #ifdef __cplusplus
 }

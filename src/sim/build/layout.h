@@ -1,11 +1,10 @@
-/** @file layout.h
- *  Where the fields of public structs lie, for bindings of other languages (src/python/pliant_library.py): they ask the library that runs
+/* Where the fields of public structs lie, for bindings of other languages (src/python/pliant_library.py): they ask the library that runs
  *  instead of repeating its headers.
  */
-#ifndef PLIANT_LAYOUT_H
-#define PLIANT_LAYOUT_H
+#ifndef PLIANT_SIM_LAYOUT_H
+#define PLIANT_SIM_LAYOUT_H
 
-#include "pliant/version.h"
+#include "base/export.h"
 
 #include <stddef.h>
 
@@ -23,9 +22,9 @@ typedef struct pliant_field_layout {
 } pliant_field_layout;
 
 /** All that are told. Static. */
-PLIANT_API const pliant_field_layout *pliant_layout_fields(size_t *count);
+PLIANT_INTERNAL const pliant_field_layout *pliant_layout_fields(size_t *count);
 /** Of a struct that is told of, or that callers must make room for (pliant_scene, pliant_labels, ...) [bytes]; 0: another name. */
-PLIANT_API size_t pliant_layout_size(const char *of);
+PLIANT_INTERNAL size_t pliant_layout_size(const char *of);
 
 #ifdef __cplusplus
 }

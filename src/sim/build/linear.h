@@ -1,9 +1,9 @@
-/** @file linear.h
- *  A tool's wrench near the pose of the last step: what answers a hand faster than steps come.
+/* A tool's wrench near the pose of the last step: what answers a hand faster than steps come.
  */
-#ifndef PLIANT_LINEAR_H
-#define PLIANT_LINEAR_H
+#ifndef PLIANT_SIM_LINEAR_H
+#define PLIANT_SIM_LINEAR_H
 
+#include "base/export.h"
 #include "pliant/data.h"
 
 #ifdef __cplusplus
@@ -30,11 +30,11 @@ typedef struct pliant_tool_linear {
  *  symmetric Broyden update, translations alone), where the same struct is given after every step. Explicit dynamics, solvers on a GPU, and pieces
  *  that came off have no K^-1 at hand, and secants alone. Errors: ARGUMENT (no such tool), MEMORY.
  *  @param at in: that of the last step, or zeros: no secants */
-PLIANT_API pliant_status pliant_tool_linearize(const pliant_data *data, int tool, pliant_tool_linear *at);
+PLIANT_INTERNAL pliant_status pliant_tool_linearize(const pliant_data *data, int tool, pliant_tool_linear *at);
 
 /** The wrench at another pose, changed by no more than a bound in force, and in the same proportion in torque. Any thread.
  *  @param most [N]; infinite: none */
-PLIANT_API void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4], double most, double out[6]);
+PLIANT_INTERNAL void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4], double most, double out[6]);
 
 #ifdef __cplusplus
 }

@@ -1,11 +1,10 @@
-/** @file memory.h
- *  Every allocation of the library goes through here: 64-byte aligned, zeroed, counted, and made to fail
+/* Every allocation of the library goes through here: 64-byte aligned, zeroed, counted, and made to fail
  *  on purpose by tests.
  */
-#ifndef PLIANT_MEMORY_H
-#define PLIANT_MEMORY_H
+#ifndef PLIANT_BASE_MEMORY_H
+#define PLIANT_BASE_MEMORY_H
 
-#include "pliant/version.h"
+#include "base/export.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -16,21 +15,21 @@ extern "C" {
 
 /** count x size bytes, zeroed, 64-byte aligned. NULL when out of memory, on overflow, and for 0 bytes.
  *  Free with pliant_free. */
-PLIANT_API void *pliant_calloc(size_t count, size_t size);
+PLIANT_INTERNAL void *pliant_calloc(size_t count, size_t size);
 
 /** A larger or smaller copy of block; the added bytes are zero. NULL when out of memory (block is kept). */
-PLIANT_API void *pliant_resize(void *block, size_t count, size_t size);
+PLIANT_INTERNAL void *pliant_resize(void *block, size_t count, size_t size);
 
 /** Nullable. */
-PLIANT_API void pliant_free(void *block);
+PLIANT_INTERNAL void pliant_free(void *block);
 
 /** Bytes held now by pliant_calloc, and the largest value since the last reset of the peak. */
-PLIANT_API size_t pliant_memory_in_use(void);
-PLIANT_API size_t pliant_memory_peak(void);
-PLIANT_API void pliant_memory_reset_peak(void);
+PLIANT_INTERNAL size_t pliant_memory_in_use(void);
+PLIANT_INTERNAL size_t pliant_memory_peak(void);
+PLIANT_INTERNAL void pliant_memory_reset_peak(void);
 
 /** For tests: the allocation after the next `calls` ones fails, once. Negative: none fails (the default). */
-PLIANT_API void pliant_memory_fail_after(int64_t calls);
+void pliant_memory_fail_after(int64_t calls);
 
 #ifdef __cplusplus
 }

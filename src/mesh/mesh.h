@@ -1,0 +1,115 @@
+/* Meshes: how they are made, and what is where in them. Coordinates and numbers are as pliant/mesh.h says. */
+#ifndef PLIANT_MESH_MESH_H
+#define PLIANT_MESH_MESH_H
+
+#include "base/export.h"
+#include "pliant/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Mesh over the box of a volume (voxel edges, not centres).
+ *  @param keep Nullable: (5 * cells) nonzero for lattice tetrahedra to keep. Errors: ARGUMENT, MEMORY. */
+pliant_status pliant_mesh_grid(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *keep, pliant_mesh *out);
+
+/* Adaptive mesh ([C] 4.2, algorithm 1): cubes are split into eight until at least `purity` of their voxels are of one material, or `depth`
+ *  times. Leaves that share a face or an edge differ by at most one level; a leaf with smaller neighbours is cut from its centre, all
+ *  others into five tetrahedra, so that every inner face belongs to exactly two. Tetrahedra take the material of their leaf; those of the
+ *  smallest leaves their own.
+ *  @param roots     cells along each axis before any is split
+ *  @param keep_air  keep leaves and tetrahedra without tissue
+ *  @param hexahedra leaves with tissue are whole
+ *  @param materials out, (num_tets), freed with pliant_free. Errors: ARGUMENT, SCENE (no tissue, too many cells), MEMORY. */
+pliant_status pliant_mesh_octree(const pliant_geometry *geometry, const int32_t roots[3], int32_t depth,
+                                            double purity, bool keep_air, bool hexahedra, const uint8_t *material_of_voxel,
+                                            const pliant_material_table *table, pliant_mesh *out,
+                                            pliant_tet_material **materials);
+
+/* Where a node is, seen from what is fixed. */
+typedef enum pliant_bone_place { PLIANT_BONE_OUTSIDE, PLIANT_BONE_INSIDE, PLIANT_BONE_SURFACE } pliant_bone_place;
+/* Least quality of a tetrahedron with a moved node, in a lattice of cubes: volume over that of a regular one with the same root mean
+ *  square edge. A lattice's own are 1 and 0.77. */
+#define PLIANT_BONE_QUALITY 0.25
+
+/* Move nodes near the surface of what is fixed (bone) onto it ([H] 4.2), the box and the tetrahedra's connections kept; writes rest,
+ *  num_moved and place_of_node. @param fixed_voxel (voxels) 1: does not move. Errors: MEMORY, FORMAT. */
+pliant_status pliant_mesh_bone(const pliant_geometry *geometry, const uint8_t *fixed_voxel, pliant_mesh *mesh);
+
+/* The materials of tetrahedra with a node on the surface, anew: every voxel counts in the one that holds its centre.
+ *  @param leave_out_fixed fixed voxels do not count where a corner lies outside of what is fixed: a sliver of bone would stiffen all of it
+ *  @param out (num_tets), others stay. Errors: MEMORY. */
+pliant_status pliant_mesh_integrate_moved(const pliant_mesh *mesh, const pliant_geometry *geometry,
+                                                     const uint8_t *material_of_voxel, bool leave_out_fixed,
+                                                     const pliant_material_table *table, pliant_tet_material *out);
+
+void pliant_mesh_free(pliant_mesh *mesh);
+
+/* The four lattice corners (0 or 1 along each axis, bit d) of a slot, before orientation. */
+PLIANT_INTERNAL void pliant_mesh_slot_corners(int parity, int slot, int corners[4]);
+
+/* Slot of the tetrahedron that owns a point of a cell, from its coordinates in [0, 1] and the parity of the cell
+ *  ((a + b + c) & 1). Ties go to the central one. */
+PLIANT_INTERNAL int pliant_mesh_slot_of(int parity, const double local[3]);
+
+/* The lattice tetrahedron of a coarse grid of `cells` that holds lattice tetrahedron `lattice_tet` of the grid refined by
+ *  `ratio` along each axis. */
+int32_t pliant_lattice_coarse_of(const int32_t cells[3], int32_t ratio, int32_t lattice_tet);
+
+/* The lattice node of a finer mesh at the place of a node of a coarser one whose lattice it refines. */
+int32_t pliant_mesh_lattice_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
+
+/* The node of a finer mesh at the place of a node of a coarser one whose lattice it refines; -1 when it has none there. */
+int32_t pliant_mesh_node_in(const pliant_mesh *fine, const pliant_mesh *coarse, int32_t node);
+
+/* Tetrahedron that holds a world point at rest, and its barycentric coordinates; -1 when no tissue is there. */
+PLIANT_INTERNAL int32_t pliant_mesh_locate(const pliant_mesh *mesh, const double world[3], double barycentric[4]);
+
+/* Barycentric coordinates of a world point in a tetrahedron at rest, inside it or not. */
+void pliant_mesh_barycentric(const pliant_mesh *mesh, int32_t tet, const double world[3], double barycentric[4]);
+
+/* Tetrahedron that holds a point of the deformed mesh; the lowest index wins on ties; -1 when none does.
+ *  @param positions (num_nodes x 3) [m] */
+int32_t pliant_mesh_locate_deformed(const pliant_mesh *mesh, const double *positions, const double world[3],
+                                               double barycentric[4]);
+
+/* Sum of the voxels' materials over every tetrahedron of a lattice ([H] 2.1; each voxel counts in exactly one).
+ *  @param out (5 * cells) by lattice tetrahedron. Errors: MEMORY. */
+pliant_status pliant_lattice_integrate(const pliant_geometry *geometry, const int32_t cells[3], const uint8_t *material_of_voxel,
+                                                  const pliant_material_table *table, pliant_tet_material *out);
+
+/* The lattice tetrahedron that owns each voxel, by its centre; ties go to the central one, as in pliant_lattice_integrate.
+ *  @param owner (voxels) out. Errors: MEMORY. */
+pliant_status pliant_lattice_owners(const pliant_geometry *geometry, const int32_t cells[3], int32_t *owner);
+
+/* The tetrahedron across each face, or -1: neighbours[4 * t + c] lies across the face opposite corner c. Fragments of one tetrahedron of
+ *  the lattice may share a face: then it is the first of them.
+ *  @param neighbours (num_tets x 4). Errors: MEMORY, FORMAT (two others on one side of a face). */
+pliant_status pliant_mesh_neighbours(const pliant_mesh *mesh, int32_t *neighbours);
+
+/* Hold what nothing holds: pieces (joined by faces) that do not rest on three fixed nodes that span a triangle, or on
+ *  pieces that do, are loose: their nodes are fixed, but for those that they share with a piece that rests firmly.
+ *  @param fixed (num_nodes) in/out
+ *  @param loose (num_tets) out, 1: in a loose piece; it should carry no load
+ *  @param pieces out, number of loose pieces
+ *  @param how   nodes of loose pieces become this in fixed
+ *  @param whole refuse where nothing holds the largest piece
+ *  Errors: SCENE when refused; MEMORY. */
+pliant_status pliant_mesh_hold(const pliant_mesh *mesh, uint8_t how, bool whole, uint8_t *fixed, uint8_t *loose, int32_t *pieces);
+
+/* Outer faces, oriented outwards. *triangles is (count x 3), freed with pliant_free. Errors: MEMORY, FORMAT. */
+pliant_status pliant_mesh_surface(const pliant_mesh *mesh, int32_t **triangles, int32_t *count);
+
+/* Volume [m^3] of a tetrahedron (signed) and gradients [1/m] of its shape functions, (4 x 3). */
+PLIANT_INTERNAL double pliant_tet_gradients(const double *x0, const double *x1, const double *x2, const double *x3, double gradients[12]);
+
+/* Of a tetrahedron of a mesh at rest. */
+double pliant_mesh_gradients(const pliant_mesh *mesh, int32_t tet, double gradients[12]);
+
+/* Of a single voxel. */
+void pliant_material_of_voxel(const pliant_material_table *table, uint8_t material, pliant_tet_material *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
