@@ -1,10 +1,12 @@
 #!/usr/bin/python3
-"""Voxels of the DigiBreast mesh (Deng et al. 2015, public domain; github.com/OpenJData/DigiBreast), as a scan for scenes/breast.yaml.
+"""Convert the DigiBreast mesh (Deng et al. 2015, public domain; github.com/OpenJData/DigiBreast) to a scan for
+scenes/breast.yaml.
 
     launch/breast_scan.py DigiBreast_lzma.jdat breast.nii.gz [voxel size = 2 mm]
 
-Values: the part of glandular tissue in per cent, -1000 outside. The chest wall is at the back (y of LPS grows towards it). The mesh is of a
-breast between plates, 30 mm thick: it is let go by stretching it 2.5 times across the plates, its volume kept.
+Values: percentage of glandular tissue, -1000 outside. The chest wall is at the back (LPS y grows towards it). The
+mesh is a breast between plates, 30 mm thick. The program stretches it 2.5 times across the plates, at constant
+volume, to approximate the shape without plates.
 """
 import base64
 import gzip
@@ -22,7 +24,7 @@ def array(field):
 
 
 def voxelize(nodes, elements, values, low, size, voxel):
-    """Mean of the nodes' values, by barycentric coordinates, at the centres of the voxels that a tetrahedron holds."""
+    """Interpolate the nodes' mean values at the voxel centres inside each tetrahedron, by barycentric coordinates."""
     out = np.full(size, -1000, np.float32)
     for corners in elements:
         p = nodes[corners]
@@ -39,7 +41,7 @@ def voxelize(nodes, elements, values, low, size, voxel):
 
 
 def write(path, volume, low, voxel):
-    """NIfTI-1: int16, millimetres, RAS; low is LPS."""
+    """Write NIfTI-1: int16, millimetres, RAS; low is the corner in LPS."""
     header = bytearray(352)
     struct.pack_into('<i', header, 0, 348)
     struct.pack_into('<8h', header, 40, 3, *volume.shape, 1, 1, 1, 1)

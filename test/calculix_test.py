@@ -1,11 +1,18 @@
 #!/usr/bin/env python3
-"""The press of ContactSolver.SpherePressedAndMovedAsideAsCalculiX (test/pipeline/contact_solver_test.cpp): its deck for CalculiX (ccx), and the forces.
+"""Compute the reference of ContactSolver.SpherePressedAndMovedAsideAsCalculiX (test/pipeline/contact_solver_test.cpp)
+with CalculiX (ccx).
 
-A block of 40 x 40 x 20 mm stands on the ground (E = 1 N/mm^2, nu = 0.3, C3D8I); a cap of a sphere of 1 m goes 0.1 mm down into it, with friction 0.3, and then 0.02 mm aside, in
-increments of a tenth at most: it sticks within and slips at the border, and in larger ones iterations do not converge.
-Told are the forces on the block's foot. Arguments: elements along the block (8), faces of the cap along one of these (4). The cap's chords lie above the sphere, so that
-forces grow with these faces, with 8 elements: 2.321 N with one, 2.486 with two, 2.508 with three, 2.515 with four; aside 0.3102 with two, 0.3127 with four. With a tenth of the stiffness against
-slip it is 0.2907 with two.
+A block of 40 x 40 x 20 mm stands on the ground (E = 1 N/mm^2, nu = 0.3, C3D8I). A spherical cap with a radius of 1 m
+moves 0.1 mm down into it, with friction 0.3, and then 0.02 mm sideways. Its centre sticks and its border slips. Larger
+increments than a tenth do not converge. The results are the forces on the block's foot. Arguments: elements along the
+block (8), faces of the cap along one of these (4). The cap's chords lie above the sphere, so the forces grow with the
+number of faces. With 8 elements:
+
+    faces         1      2       3      4
+    down [N]      2.321  2.486   2.508  2.515
+    sideways [N]         0.3102         0.3127
+
+With a tenth of the stiffness against slip, the sideways force is 0.2907 N with two faces.
 Exit status 77: ccx is not installed."""
 import math
 import os
@@ -21,7 +28,7 @@ ELEMENTS, FINER, KNOWN = 8, 4, (2.5214, 0.31263)  # [N] the values that contact_
 
 
 def bricks(n, layers, first, place):
-    """Nodes {number: place} and elements {number: nodes} of n x n x layers bricks."""
+    """Return nodes {number: position} and elements {number: nodes} of n x n x layers bricks."""
     number = {}
     nodes, elements = {}, {}
     for k in range(layers + 1):
@@ -62,7 +69,7 @@ def deck(n, finer):
 
 
 def forces(n, finer, folder):
-    """Pressed, and aside. [N]"""
+    """Return the forces after the downward and the sideways motion [N]."""
     with open(os.path.join(folder, "deck.inp"), "w") as file:
         file.write(deck(n, finer))
     said = subprocess.run(["ccx", "deck"], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, env=dict(os.environ, OMP_NUM_THREADS="1"))

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The containers' files fit together: every path of a Dockerfile is there, the scripts are of bash, and a command runs in their environment."""
+"""Test the files of the containers: the paths of each Dockerfile exist, the scripts are valid bash, and a command
+runs in the containers' environment."""
 import os
 import pathlib
 import re

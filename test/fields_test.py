@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Displacement fields and meshes of pliant_deform, read by the programs that they are for: SimpleITK, meshio and VTK.
-One test goes from a segmentation of 3D Slicer to the resampled scan.
+"""Read the displacement fields and meshes of pliant_deform with other programs: SimpleITK, meshio and VTK. One test
+goes from a segmentation of 3D Slicer to the resampled scan.
 
     fields_test.py PLIANT_DEFORM PLIANT_PHANTOM
 
-Exit code 77 (skipped) where SimpleITK, meshio or numpy is missing: pip install SimpleITK meshio. The part about .vtp needs vtk as well."""
+Exit code 77 (skipped) without SimpleITK, meshio or numpy: pip install SimpleITK meshio. The test of .vtp also needs
+vtk."""
 import gzip
 import pathlib
 import subprocess
@@ -58,7 +59,8 @@ def read(path):
 
 
 def write_segmentation(path, like, layers):
-    """A .seg.nrrd as 3D Slicer writes it: a list of layers, each a list of (name, mask), cropped to what they hold."""
+    """Write a .seg.nrrd as 3D Slicer does: a list of layers, each a list of (name, mask), cropped to the box of all
+    masks."""
     held = np.argwhere(np.any([mask for layer in layers for _, mask in layer], axis=0))
     low, high = held.min(axis=0), held.max(axis=0) + 1
     box = tuple(slice(*ends) for ends in zip(low, high))
@@ -82,13 +84,13 @@ def write_segmentation(path, like, layers):
 
 
 def resample(scan, field, like):
-    """The scan through a displacement field, as ITK does it."""
+    """Resample the scan through a displacement field with ITK."""
     transform = sitk.DisplacementFieldTransform(sitk.Cast(field, sitk.sitkVectorFloat64))
     return sitk.GetArrayFromImage(sitk.Resample(sitk.Cast(scan, sitk.sitkFloat64), like, transform, sitk.sitkLinear, -1000.0, sitk.sitkFloat64))
 
 
 def change_per_voxel(values):
-    """The largest difference to a neighbour along each axis, summed."""
+    """Return the sum over the axes of the largest difference to a neighbour."""
     change = np.zeros(values.shape)
     for axis in range(3):
         step = np.abs(np.diff(values, axis=axis))
@@ -99,7 +101,7 @@ def change_per_voxel(values):
 
 
 def volume_of(points, cells):
-    """Of tetrahedra, and of hexahedra as five tetrahedra."""
+    """Return the volume of tetrahedra, and of hexahedra as five tetrahedra each."""
     parts = {"tetra": [(0, 1, 2, 3)], "hexahedron": [(0, 1, 3, 4), (1, 2, 3, 6), (1, 4, 5, 6), (3, 4, 6, 7), (1, 3, 4, 6)]}
     total = 0.0
     for block in cells:
@@ -168,7 +170,8 @@ class Fields(unittest.TestCase):
                 self.assertLess((mask == CUT).sum(), 0.08 * (mask == TISSUE).sum())
 
     def test_the_whole_way_from_a_slicer_segmentation(self):
-        """Three layers name the materials, a tool pulls the liver, a blade cuts; ITK and meshio read what comes out."""
+        """Three layers name the materials, a tool pulls the liver, and a blade cuts. ITK and meshio read the
+        results."""
         scan = self.folder / "phantom.nii.gz"
         subprocess.run([PHANTOM, "--size", SIZE, "--out", str(scan), "--labels", str(self.folder / "labels.nii.gz")], check=True,
                        stdout=subprocess.DEVNULL)

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""pliant_lerobot, read back as LeRobot's reader does: by the paths, indices and types that the dataset itself tells. Where LeRobot is installed, by it.
-Where pyarrow is missing, a stand-in keeps the tables: what is in them is tested all the same, that they are parquet is not."""
+"""Read datasets of pliant_lerobot by the paths, indices and types in the dataset, as LeRobot's reader does. If
+LeRobot is installed, it reads them too. Without pyarrow a stand-in stores the tables, so the test covers their
+contents, but not the parquet format."""
 import json
 import os
 import runpy

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""pip install src/python into an environment of its own, with the library of this build ($PLIANT_LIBRARY), and the tour in it.
+"""Run `pip install src/python` in a virtual environment with the library of this build ($PLIANT_LIBRARY), and run the
+tour there.
 
-Exit code 77 (skipped) where pip, venv, setuptools, wheel or numpy is missing. Nothing is downloaded."""
+Exit code 77 (skipped) without pip, venv, setuptools, wheel or numpy. Nothing is downloaded."""
 import os
 import pathlib
 import subprocess

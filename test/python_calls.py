@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Random calls of pliant.py: right and wrong values, closed simulations, states of other models. Any exception is right; a crash is not.
+"""Call pliant.py at random: with right and wrong values, closed simulations, and states of other models. Exceptions are
+allowed, crashes are not.
 
     python_calls.py SEED COUNT
 """
@@ -41,7 +42,7 @@ class Calls:
         return LIVER + self.random.uniform(-0.05, 0.05, 3) * self.pick([0, 0.2, 1, 100])
 
     def right(self, name):
-        """Arguments that a function takes, as often as not within its range."""
+        """Return valid arguments of a function; about half of them are in its range."""
         sim, number = self.pick(self.sims), self.pick([0.0, 0.01, 1.0, 50.0, -1.0, 1e300, np.nan])
         camera = np.eye(3) * [20, 20, 1], pliant.look_at(LIVER + [0.01, -0.2, 0], LIVER), (8, 6)
         return {"move": (self.point(), self.pick([None, [0, 0, 0, 1], [0, 0, 0, 0], self.random.normal(size=4)])), "grasp": (self.pick([None, self.point()]),),

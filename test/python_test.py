@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""pliant.py against the library: what it tells, what it refuses, the same bits, several at once."""
+"""Test pliant.py against the library: results, errors, bitwise equality, and several simulations at once."""
 import contextlib
 import copy
 import io

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Programs that are asked to stop end within a second, whatever they are at: SIGINT and SIGTERM while they read, build, step and write.
+"""Programs end within one second after SIGINT or SIGTERM, while they read, build, step or write.
 
-    stop_test.py FOLDER      where pliant_deform, pliant_report, pliant_fit and pliant_segment are
+    stop_test.py FOLDER      folder of pliant_deform, pliant_report, pliant_fit and pliant_segment
 """
 import os
 import signal
@@ -19,7 +19,7 @@ SMALL = ["--set", "mesh/coarse_cells=6 5 6", "--set", "mesh/ratio=1"]
 
 
 def waits_for_signals(process):
-    """Whether the program has begun: it blocks SIGTERM."""
+    """Return whether the program has begun: it blocks SIGTERM."""
     with open("/proc/%d/status" % process) as file:
         blocked = [int(line.split()[1], 16) for line in file if line.startswith("SigBlk")]
     return bool(blocked) and bool(blocked[0] >> (signal.SIGTERM - 1) & 1)
@@ -32,7 +32,7 @@ class Stop(unittest.TestCase):
         self.out = temporary.name
 
     def stop(self, number, delay, words):
-        """Send a signal after a delay [s]. The program runs then, and ends in time."""
+        """Send a signal after a delay [s] to the running program, and check that it ends in time."""
         with open(os.path.join(self.out, "said"), "w+") as said:
             process = subprocess.Popen([os.path.join(FOLDER, words[0])] + words[1:], stdout=said, stderr=said)
             try:

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Makes the README's picture launch/rviz/pulled.png: the phantom in rviz, seen from the front through a plane, and its liver pulled.
+"""Make the README's picture launch/rviz/pulled.png: the phantom in rviz, cut by a frontal plane, while a tool pulls its
+liver.
 
-Needs the setup.bash of the build; runs under Xvfb with software rendering, a minute.
+Needs the build's setup.bash. Runs under Xvfb with software rendering, for a minute.
 """
 import os
 import subprocess
@@ -41,7 +42,8 @@ FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "l
 
 
 def wait_until_still(stage, hold):
-    """The same picture for eight seconds, longer than a frame with all slices takes. hold(): keeps the tool where it is."""
+    """Wait until the picture stays the same for eight seconds, which is longer than a frame with all slices. hold():
+    keeps the tool's pose."""
     last, since = stage.picture(), time.time()
     while time.time() < since + 8:
         hold()

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""How fast the rviz displays are under Xvfb with Mesa's software rendering; needs the setup.bash of the build.
+"""Measure the speed of the rviz displays under Xvfb with Mesa's software rendering. Needs the build's setup.bash.
 
   rviz_speed.py frames [--slices 96 256] [--rendering Slices] [--preset NAME] [--size 128x128x128 ...]
-      frames a second and processor time of rviz for the phantom at rest, in a view of 800 x 600 pixels
-  rviz_speed.py moving [...]      the same while a tool pulls the phantom to and fro, 10 volumes a second
+      frames per second and processor time of rviz for the phantom at rest, in a view of 800 x 600 pixels
+  rviz_speed.py moving [...]      the same while a tool pulls the phantom back and forth, 10 volumes per second
   rviz_speed.py delay [--repeat 20]
       time from the pose of a tool to a picture that it has changed
 """
@@ -97,7 +97,7 @@ def frames(arguments, moving):
 
 
 class Tool:
-    """A tool that sends its pose and jaw; it takes hold where it starts."""
+    """A tool that publishes its pose and jaw. It grasps the tissue at its start position."""
 
     def __init__(self, start):
         import rospy
@@ -124,14 +124,15 @@ class Tool:
         self.poses.publish(self.pose)
 
     def grasp(self):
-        """To be called until it has hold of the tissue."""
+        """Call this until it returns True: the tool has grasped the tissue."""
         self.closed = time.time() > self.began + 2
         self.send(self.start)
         return self.grasped
 
 
 def delay(arguments):
-    """The tool jumps by 30 mm, a spring after it the tissue; from the pose that says so to the first picture with other pixels around it."""
+    """Measure the time from a tool's pose to the first picture with other pixels around the tool. The tool jumps by
+    30 mm, and a spring pulls the tissue."""
     stage = open_stage(arguments, arguments.slices[0], arguments.size[0])
     tool = Tool(HOLD)
     stage.wait(tool.grasp, 60, "the grasp")

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""A scripted operation of many simulated hours, as fast as it runs: pull, push, cut, and now and then the scan loaded anew. Memory and the
-99th percentile of a step's time must stay as they are.
+"""Simulate many hours of a scripted operation without pauses: pull, push, cut, and sometimes reload the scan. Memory
+and the 99th percentile of a step's time must stay constant.
 
-    PLIANT_LIBRARY=build/src/libpliant.so [taskset -c 1 chrt -r 1] python3 test/bench/soak.py [HOURS=8] [SECONDS that it may take]
+    PLIANT_LIBRARY=build/src/libpliant.so [taskset -c 1 chrt -r 1] python3 test/bench/soak.py [HOURS=8] [SECONDS: time limit]
 
-Of every two simulated minutes: steps, CPU time of a step (median, p99, worst), what the library holds and the process has in memory. At the end
-the same for every hour, with p99 of wall time and of evaluations, a count that no other work on the machine changes. Fails where memory, or p99
-of CPU time, is higher in the last fifth than in the second by more than 2 %, or 20 %."""
+The program prints for every two simulated minutes: steps, CPU time of a step (median, p99, maximum), memory of the
+library and of the process. At the end it prints the same for every hour, and the p99 of wall time and of
+evaluations. Other programs do not change the number of evaluations. The test fails if the last fifth exceeds the
+second fifth by more than 2 % in memory, or by more than 20 % in p99 of CPU time."""
 import gc
 import os
 import sys
@@ -25,7 +26,8 @@ OPTIONS = {"mesh/coarse_cells": "7 5 6", "mesh/ratio": 2, "model/method": "avera
 
 
 class Operation:
-    """Rounds of the same kind on other places: four strokes of pulling and pushing, a cut, the same again, and all is healed."""
+    """Rounds of the same kind at varying points: four strokes of pulling and pushing, a cut, the same again, and a
+    reset."""
 
     def __init__(self):
         self.random, self.rounds = np.random.default_rng(1), 0
@@ -39,7 +41,7 @@ class Operation:
         self.places = rest[free & front]
 
     def round(self, told):
-        """One more; of every step what MEASURES names is put into the columns of told."""
+        """Run one round. Put the values of MEASURES of each step into the columns of told."""
         if self.rounds % RELOAD == RELOAD - 1:
             self.sim.close()
             gc.collect()  # the object and its tools refer to each other
@@ -77,7 +79,7 @@ def resident():
 
 
 def hourly(told, memory):
-    """A line of the table."""
+    """Return one line of the table."""
     return [np.quantile(of_one, q) for of_one in told for q in (0.5, 0.99)] + [min(memory), max(memory)]
 
 

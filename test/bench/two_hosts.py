@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Two hosts with a bad network between them: a robot's console with the master and force_guard, and the machine with the tissue, in network
-namespaces; then the link loses 5 % of its packets and delays the others by 200 ms, each way; then it is good again.
+"""Simulate two hosts with a bad network between them, in network namespaces. One is a robot's console with the master
+and force_guard, and the other one runs the tissue. First the link is good. Then it loses 5 % of its packets and
+delays the others by 200 ms in each direction. Then it is good again.
 
     source build/devel/setup.bash; sudo -E test/bench/two_hosts.py [LOSS=5] [MILLISECONDS=200] [SECONDS=6]
 
-Of each time: steps a second, how often the tool was there, what forces the hand got, and what diagnostics said. Fails where the simulation does
-not go on, where a force reaches the hand later than 50 ms after the guard's last good input, or where the tool does not come back. Needs root,
-`ip netns` and /dev/net/tun; says so where they are missing."""
+The program prints for each period: steps per second, how often the tool was present, the forces on the hand, and the
+diagnostics. It fails if the simulation stops, if a force reaches the hand more than 50 ms after the guard's last
+valid input, or if the tool does not return. It needs root, `ip netns` and /dev/net/tun, and reports if they are
+missing."""
 import ctypes
 import fcntl
 import heapq
@@ -86,7 +88,8 @@ def run(*command):
 
 
 class Link:
-    """Between the two namespaces: packets of one's tun device into the other's, some lost, the others late."""
+    """A link between the two namespaces: it passes packets from one tun device to the other, drops some, and delays
+    the rest."""
 
     def __init__(self):
         self.loss = self.delay = 0

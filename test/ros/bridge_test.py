@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""What launch/README.md says about ROS 2: the bridge's list fits the node, and package pliant_msgs fits ROS 1's package pliant.
+"""Test the statements of launch/README.md on ROS 2: the bridge's list matches the node, and package pliant_msgs matches
+ROS 1's package pliant.
 
-ros1_bridge maps messages whose fields have the same names, and services whose fields have the same names, types and order. Here
-ROS 1's parser (genmsg) and ROS 2's (rosidl, Debian package python3-rosidl) read both packages, and the fields are compared."""
+ros1_bridge maps messages with the same field names, and services with the same field names, types and order. The
+parsers of ROS 1 (genmsg) and ROS 2 (rosidl, Debian package python3-rosidl) read both packages, and the test compares
+the fields."""
 import os
 import pathlib
 import re
@@ -43,13 +45,13 @@ for name in sys.argv[2:]:
 
 
 def ros1_name(ros2_type):
-    """pliant_msgs/msg/SimState to pliant/SimState."""
+    """Convert pliant_msgs/msg/SimState to pliant/SimState."""
     package, _, kind = ros2_type.split("/")
     return "%s/%s" % ("pliant" if package == "pliant_msgs" else package, kind)
 
 
 def ros2_type_of(ros1_field):
-    """Type, and None, the size of an array, or "sequence", as ROS 2 has them for a field of ROS 1."""
+    """Return the ROS 2 type of a ROS 1 field, and None, the size of an array, or "sequence"."""
     base, _, array = ros1_field.type.partition("[")
     package, _, kind = base.rpartition("/")
     name = ROS2_TYPES.get(base) or "%s/%s" % ({"pliant": "pliant_msgs", "": "pliant_msgs"}.get(package, package), kind)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Cameras over topics: pictures, depth, tissues, points and calibration; a tool pulls what they see; nobody looks, nothing is drawn."""
+"""Test cameras over topics: pictures, depth, tissues, points and calibration. A tool pulls the visible tissue.
+Without subscribers, nothing is rendered."""
 import os
 import sys
 import time
@@ -40,14 +41,14 @@ def pixels_of(message):
 
 
 def points_of(message):
-    """(height, width, 3) and the colours (height, width, 3)."""
+    """Return the points (height, width, 3) and the colours (height, width, 3)."""
     raw = numpy.frombuffer(message.data, numpy.float32).reshape(message.height, message.width, 4)
     colours = raw[..., 3].copy().view(numpy.uint32)
     return raw[..., :3], numpy.stack([colours >> shift & 255 for shift in (16, 8, 0)], axis=-1)
 
 
 def picked(origin, direction, threshold):
-    """What the node says of a ray of the tissue's frame."""
+    """Return the node's pick result of a ray in the tissue's frame."""
     ask = Pick._request_class(threshold=threshold)
     ask.header.frame_id = "tissue"
     ask.origin.x, ask.origin.y, ask.origin.z = origin

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""A node that is killed (-9) comes back with its scan, materials, cuts, holds and pose, and says so; what is no
-checkpoint of it is refused, and kept."""
+"""After SIGKILL, a new node restores the scan, materials, cuts, grasps and pose, and reports it. It refuses an
+unsuitable checkpoint and keeps the file."""
 import os
 import signal
 import sys
@@ -35,7 +35,7 @@ class CheckpointTest(unittest.TestCase):
         cls.node.wait_until_running()
 
     def kill(self):
-        """And wait for the next one to run. When it was killed."""
+        """Kill the node and wait for the next one. Return the time of the kill."""
         address = rosgraph.Master("/checkpoint_test").lookupNode(NAMESPACE + "sim")
         os.kill(xmlrpc.client.ServerProxy(address).getPid("/checkpoint_test")[2], signal.SIGKILL)
         return rospy.Time.now()

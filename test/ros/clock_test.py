@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Simulated time that has not begun is told of; when it jumps back, tools are forgotten, forces are zero, and the node works on; when it stands
-still a grasp stays, but not that of an arm or a jaw that is silent for long."""
+"""Test simulated time. The node reports a clock that has not started. After a jump back, it removes tools, sets
+forces to zero and continues. If the clock stands still, grasps stay, except for an arm or a jaw that has been
+silent for long."""
 import os
 import re
 import sys
@@ -20,7 +21,8 @@ from node_client import Latest, Node, Tool, wait_for  # noqa: E402
 
 class ClockTest(unittest.TestCase):
     def run_clock(self):
-        """So many milliseconds a turn, however long that takes: on a busy machine everything is slow, nothing is late."""
+        """Advance by a fixed step per turn, for any real duration: on a busy machine everything is slow, but nothing
+        is late."""
         ticks = 0
         while not rospy.is_shutdown():
             ticks += self.clock_runs

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Instruments with a shape, by the topics that a robot has: what one presses tells is the force that it feels, and jaws hold what they close on."""
+"""Test instruments with a shape through the topics of a robot: the published contact forces equal the measured
+force, and jaws hold the tissue between them."""
 import os
 import shutil
 import sys
@@ -35,7 +36,7 @@ OPEN, CLOSED = 0.7, 0.2  # [rad]: on the tissue, and below jaw_close
 
 
 def write_tongue(path):
-    """Of one tissue, as a MetaImage."""
+    """Write a tongue of one tissue as a MetaImage."""
     with open(path, "wb") as file:
         file.write(("ObjectType = Image\nNDims = 3\nDimSize = %d %d %d\nElementSpacing = %g %g %g\nOffset = %g %g %g\nBinaryData = True\n"
                     "BinaryDataByteOrderMSB = False\nElementType = MET_SHORT\nElementDataFile = LOCAL\n" %
@@ -44,7 +45,7 @@ def write_tongue(path):
 
 
 class Arm:
-    """Sends its pose, upside down, and its jaw at 100 Hz, once it has been told where to be."""
+    """Publishes its pose, upside down, and its jaw at 100 Hz, after the first call of go()."""
 
     def __init__(self, name, number, instrument, steps):
         self.number, self.steps, self.place, self.angle = number, steps, None, OPEN
@@ -68,7 +69,7 @@ class Arm:
             time.sleep(0.01)
 
     def go(self, place, angle=OPEN):
-        """Until a step has been made with it there."""
+        """Move there, and wait until a step has used this pose."""
         self.place, self.angle = [float(each) for each in place], angle
 
         def there():
@@ -82,7 +83,7 @@ class Arm:
 
 
 class Pairs:
-    """What a tool tells of its contacts beside the force and torque that it feels in the same step: [(ContactState, (6) [N, N m])]."""
+    """A tool's contacts together with its force and torque of the same step: [(ContactState, (6) [N, N m])]."""
 
     def __init__(self, tool):
         self.wrenches, self.all = {}, []
@@ -110,7 +111,7 @@ def rows(vectors):
 
 
 def pressed(contact, tip):
-    """Force and torque about the tip of all its points."""
+    """Return the force, and the torque about the tip, of all contact points."""
     force = rows(contact.forces)
     return numpy.concatenate([force.sum(axis=0), numpy.cross(rows(contact.points) - tip, force).sum(axis=0)])
 
@@ -143,7 +144,7 @@ class ContactTest(unittest.TestCase):
         cls.live.stop()
 
     def lifted(self):
-        """The farthest that a node has come up [m], now."""
+        """Return the current maximum upward displacement of a node [m]."""
         def matching():
             state = self.node.mesh.fresh()
             return state if state.revision == self.node.topology.message.revision else None
@@ -151,7 +152,7 @@ class ContactTest(unittest.TestCase):
         return float((nodes - self.node.rest())[:, 2].max())
 
     def close_on_the_tongue(self):
-        """Its tips 12 mm below the top."""
+        """Close the jaws with their tips 12 mm below the top."""
         below = TOP - [0, 0, 0.012]
         self.forceps.way(TOP + [0, 0, 0.03], below, 6)
         self.forceps.way(below, below, 12, (OPEN, CLOSED))
@@ -173,7 +174,7 @@ class ContactTest(unittest.TestCase):
             return numpy.allclose(told[:3], wrench[:3], rtol=1e-9, atol=1e-12) and numpy.allclose(told[3:], wrench[3:], rtol=1e-9, atol=1e-14)
 
         def risen():
-            """Five in a row, all of the tool where it stays: forces rise over 0.2 s."""
+            """Return five consecutive pairs with contact and equal forces: the filtered force rises over 0.2 s."""
             last = pairs.told()[-5:]
             return len(last) == 5 and all(contact.points and agrees(contact, wrench) for contact, wrench in last) and last
         for contact, wrench in wait_for(risen, "contacts whose forces are those that are felt"):
@@ -189,7 +190,7 @@ class ContactTest(unittest.TestCase):
         wait_for(lambda: not pairs.told()[-1][0].points and (pairs.told()[-1][1] == 0).all(), "no force in air")
 
     def diagnosed(self, name):
-        """(status, values) that diagnostics have last under this name."""
+        """Return the last (status, values) of the diagnostics with this name."""
         found = [each for each in self.diagnostics.message.status if each.name.endswith(": " + name)] if self.diagnostics.message else []
         return found and (found[0], {each.key: each.value for each in found[0].values})
 
@@ -198,7 +199,8 @@ class ContactTest(unittest.TestCase):
         self.assertTrue(answer.success, answer.message)
 
     def press(self, deep, **limits):
-        """Load with limits of group contact, press the top of the tongue with the probe, and stay there. The probe's contact, after 0.5 s at rest."""
+        """Load the scan with these limits of group contact, press the top of the tongue with the probe, and stay
+        there. Return the probe's contact after 0.5 s."""
         self.load(*("contact/%s=%g" % each for each in limits.items()))
         self.addCleanup(lambda: self.load(*("contact/%s=%g" % (name, {"max_force": 20, "coupling_stiffness": 1e6}[name]) for name in limits)))
         self.addCleanup(lambda: self.probe.way(TOP - [0, 0, deep], TOP + [0, 0, 0.08], 8))

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A blade over topics and the services that cut: two pieces, every topology before its states, undo, reset; the session again."""
+"""Test a blade over topics and the cutting services: two pieces, the order of topologies and states, undo, reset,
+and the recorded session."""
 import contextlib
 import csv
 import os
@@ -33,7 +34,7 @@ def to_world(point):
 
 
 def large_pieces(topology):
-    """Tetrahedra that hang together by nodes: the sizes of those with one in a hundred or more."""
+    """Return the sizes of the connected pieces with at least a hundredth of all tetrahedra."""
     tets = numpy.array(topology.tetrahedra).reshape(-1, 4)
     piece = numpy.arange(len(topology.rest_parent))
     while True:
@@ -78,7 +79,7 @@ class CutTest(unittest.TestCase):
         return self.state.fresh().revision
 
     def wait_for_revision(self, revision):
-        """And its topology is the newest one that is told."""
+        """Wait for this revision. Return its topology, which must be the last one."""
         wait_for(lambda: self.revision() == revision, "revision %d" % revision)
         return wait_for(lambda: self.topologies[-1] if self.topologies[-1].revision == revision else None, "its topology")
 
@@ -88,7 +89,7 @@ class CutTest(unittest.TestCase):
         wait_for(lambda: self.state.fresh().tools[0].present, "the knife to be there")
 
     def stroke(self, until=1.02):
-        """From the right to the left, as far as that part of the width: 6 mm a step."""
+        """Cut from the right to the left by 6 mm per step, up to this fraction of the width."""
         margin = 0.01
         self.appear([self.low[0] - margin, 0, self.height])
         self.blade.publish(True)
@@ -100,7 +101,7 @@ class CutTest(unittest.TestCase):
         return self.wait_for_revision(self.revision())
 
     def sweep(self, until, margin=0.0):
-        """On to the left, as far as that part of the width and a margin."""
+        """Move on to the left, up to this fraction of the width and a margin."""
         end = self.low[0] + until * (self.high[0] - self.low[0]) + margin
         while self.tool.position[0] < end:
             self.tool.position = [self.tool.position[0] + 0.006, 0, self.height]
@@ -109,7 +110,7 @@ class CutTest(unittest.TestCase):
 
     @contextlib.contextmanager
     def felt(self):
-        """What is sent of the knife's force meanwhile: rows of x, y, z [N]."""
+        """Collect the published force of the knife meanwhile: rows of x, y, z [N]."""
         forces = []
         subscriber = rospy.Subscriber(NAMESPACE + "knife/measured_cf", WrenchStamped,
                                       lambda message: forces.append([message.wrench.force.x, message.wrench.force.y, message.wrench.force.z]))
@@ -214,7 +215,7 @@ class CutTest(unittest.TestCase):
 
     @contextlib.contextmanager
     def loaded(self, *options):
-        """The scan with other options; in the end as it was."""
+        """Load the scan with other options, and restore it at the end."""
         def load(options):
             before = self.topologies[-1].revision
             answer = call("load_scan", LoadScan, "phantom:72x48x60", "", list(options))
@@ -229,7 +230,7 @@ class CutTest(unittest.TestCase):
             self.assertEqual(len(self.first.tetrahedra), len(self.topologies[0].tetrahedra))
 
     def parts_while(self, on, off, what):
-        """Nothing while it is off, then what the blade goes through while it is on, then nothing again."""
+        """Cut nothing while the blade is off, cut along its path while it is on, and then nothing again."""
         self.appear([0.85 * self.low[0] + 0.15 * self.high[0], 0, self.height])
         self.sweep(0.2)
         self.assertFalse(self.state.fresh().tools[0].cuts)
@@ -262,25 +263,26 @@ class CutTest(unittest.TestCase):
             wait_for(lambda: self.revision() > whole and self.cut.message.severed_area > 0, "tissue to part")
 
     def test_a_cut_that_is_pulled_open_is_seen_and_saved(self):
-        """By stock rviz: triangles, points and a slice; and in the volume that is written."""
+        """Check triangles, points and a slice in rviz without our plugins, and the saved volume."""
         def saved(name):
             answer = call("save_volume", SaveVolume, name)
             self.assertTrue(answer.success, answer.message)
             return nifti_voxels(self.folder + "/" + name)
 
         def gap(before, now):
-            """Background where tissue was, with tissue above and below: of voxels or pixels, the first axis is along the body."""
+            """Return the background pixels or voxels that were tissue, with tissue above and below. The first axis
+            is along the body."""
             tissue = now > -300
             between = numpy.maximum.accumulate(tissue, axis=0) & numpy.maximum.accumulate(tissue[::-1], axis=0)[::-1]
             return int(((before > -300) & (now == -1000) & between).sum())
 
         def pixels():
-            """Of the newest slice; it is sent as the volume changes."""
+            """Return the newest slice. A volume is sent when it changes."""
             image = shown["volume/slice/sagittal"].message
             return numpy.frombuffer(image.data, dtype=numpy.float32).reshape(image.height, image.width)
 
         def follows(topology):
-            """Marker and points have the nodes and triangles of this topology."""
+            """Return whether marker and points have the nodes and triangles of this topology."""
             wait_for(lambda: len(shown["mesh/marker"].fresh().points) == len(topology.triangles), "mesh/marker")
             wait_for(lambda: shown["mesh/points"].fresh().width == len(topology.rest_parent), "mesh/points")
         shown = {topic: Latest(topic, kind) for topic, kind in (("mesh/marker", Marker), ("mesh/points", PointCloud2), ("volume/slice/sagittal", Image))}
@@ -335,7 +337,7 @@ class CutTest(unittest.TestCase):
             self.assertEqual(self.wait_for_revision(self.first.revision).tetrahedra, self.first.tetrahedra)
 
     def record_and_cut_again(self, kind):
-        """A stroke, taken back, a cut by the service and a stroke into what is left; its last topology."""
+        """Cut a stroke, undo it, cut with the service, and cut the rest with a stroke. Return the last topology."""
         recorder = Launch("record.launch", bag=self.folder + "/session.bag")
         try:
             for topic in ("mesh/topology", "mesh/state", "step", "knife/cut", "cut"):
@@ -360,7 +362,8 @@ class CutTest(unittest.TestCase):
         self.assertGreater(len(set(revision for _, _, revision in states)), 5)
 
         def is_settled(time):
-            """The newest state is that of the newest step, and nothing follows within a millisecond."""
+            """Return whether the newest state belongs to the newest step, and no message follows within a
+            millisecond."""
             state, step = ([entry for entry in entries if entry[0] <= time][-1] for entries in (states, steps))
             return state[1] == step[1] and not any(time < entry[0] < time + 1e-3 for entry in states + steps)
         last = next(time for time in (when + 1e-3 for when, _, _ in reversed(states[len(states) // 2:-1])) if is_settled(time))

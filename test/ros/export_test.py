@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What pliant_bag --export writes of a bag, number by number; without a master."""
+"""Check every number that pliant_bag --export writes from a bag, without a master."""
 import json
 import os
 import shutil
@@ -27,12 +27,13 @@ SENSE = ["present", "touching", "grasped", "force_x", "force_y", "force_z", "tor
 
 
 def step_time(n):
-    """100 Hz; one begins the second episode, those after it come early, so that no row falls on them."""
+    """Return the time of a step at 100 Hz. One step begins the second episode. Later steps are early, so no table
+    row has their time."""
     return 0.2 + 0.01 * n - (0.002 if n > 130 else 0)
 
 
 def picture_time(n):
-    """10 Hz; those after the first come early."""
+    """Return the time of a picture at 10 Hz. All pictures after the first are early."""
     return 0.315 + 0.1 * n - (0.002 if n > 0 else 0)
 
 
@@ -41,7 +42,7 @@ def tool(name, t, present=True):
 
 
 def picture(t, colours):
-    """4 x 6, of the time; each line with four bytes more than it needs."""
+    """Return a 4 x 6 picture of this time, with four extra bytes per line."""
     size = 3 if colours else 1
     pixels = np.full((4, 6 * size + 4), 255, np.uint8)
     pixels[:, :6 * size] = (np.arange(24 * size) + 10 * t).reshape(4, -1)

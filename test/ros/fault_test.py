@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""What goes wrong: a master is started anew, a scan that is missing can be mended by load_scan, a wrong parameter ends the node, odd stamps and
-scans that cannot be shown do no harm, and who comes late is told what failed."""
+"""Test faults: a restarted master, a missing scan that load_scan replaces, a wrong parameter that ends the node, odd
+time stamps, scans without a usable image, and the last error for late subscribers."""
 import os
 import shutil
 import signal
@@ -44,13 +44,13 @@ class FaultTest(unittest.TestCase):
         self.assertTrue(answer.success, answer.message)
 
     def diagnosed(self):
-        """What diagnostics told last of the node: {name: (status, values)}."""
+        """Return the node's last diagnostics: {name: (status, values)}."""
         statuses = self.diagnostics.message.status if self.diagnostics.message else []
         return {status.name.split(": ")[-1]: (status, {value.key: value.value for value in status.values})
                 for status in statuses}
 
     def diagnosis(self, name):
-        """What diagnostics said last under this name: of a node that begins, that it does."""
+        """Return the last diagnostics message with this name. A node that starts reports that."""
         found = self.diagnosed()
         return found[name][0].message if name in found else ""
 
@@ -90,7 +90,8 @@ class FaultTest(unittest.TestCase):
         wait_for(lambda: tool.pose.get_num_connections(), "the node to listen still")
 
     def say_where(self, frame, late):
-        """tf of a frame at the tissue's own place, 50 times a second, by stamps that are late by so many seconds."""
+        """Publish the transform of a frame at the tissue's position 50 times per second, with time stamps that are
+        `late` seconds old."""
         sender, message = tf2_ros.TransformBroadcaster(), TransformStamped()
         message.header.frame_id, message.child_frame_id = "tissue", frame
         message.transform.rotation.w = 1
@@ -277,7 +278,7 @@ class FaultTest(unittest.TestCase):
         self.assertEqual(found["output"][0].level, 0)
 
     def wrong_node(self, name, value):
-        """The command of a node that has this parameter, and no other."""
+        """Return the command of a node with only this parameter."""
         rospy.set_param("/wrong/sim", {})
         rospy.set_param("/wrong/sim/" + name, value)
         return [roslib.packages.find_node("pliant", "pliant_node")[0], "__ns:=/wrong", "__name:=sim"]
@@ -311,7 +312,7 @@ class FaultTest(unittest.TestCase):
                 return None
 
         def known():
-            """What the master has of the node."""
+            """Return the master's entries of the node."""
             state = answers(master.getSystemState)
             return state and [set(name for name, nodes in kind if "/tissue/sim" in nodes) for kind in state]
         first = start_master()
@@ -430,7 +431,8 @@ class FaultTest(unittest.TestCase):
         state.close()
 
     def test_a_nodelet_that_cannot_begin_tells_why_and_leaves_its_manager(self):
-        """Its manager may hold others: what ends a node, also a file that is not there, is a FAULT of the nodelet alone."""
+        """The manager may contain other nodelets. An error that ends a node, such as a missing file, is only a FAULT
+        of the nodelet."""
         state = Latest("/held/state", SimState)
         self.addCleanup(state.close)
         manager = subprocess.Popen([roslib.packages.find_node("nodelet", "nodelet")[0], "standalone", "pliant/tissue", "__ns:=/held", "__name:=sim",

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The force guard as a node: what reaches the hand, and the zeros that it gets when something stops, the guard is stopped itself, or killed."""
+"""Test the force guard as a node: the force on the hand, and its zeros when an input stops, or when the guard is
+stopped or killed."""
 import os
 import signal
 import socket
@@ -94,7 +95,7 @@ class Guarded(unittest.TestCase):
         self.wait(lambda: self.feels(1), "the force again")
 
     def first_message(self):
-        """That another listener gets, by a connection of its own."""
+        """Return the first message on a separate connection."""
         address = rosgraph.Master("/guard_test").lookupNode("/tissue/guard")
         code, text, (_, host, port) = xmlrpc.client.ServerProxy(address).requestTopic("/console", "/MTMR/body/servo_cf", [["TCPROS"]])
         self.assertEqual(code, 1, text)
@@ -127,7 +128,7 @@ class Guarded(unittest.TestCase):
         self.wait(lambda: self.feels(1), "the force again")
 
     def next_guard(self, ends):
-        """The messages of the guard that ends, and of the one that is started for it."""
+        """Return the messages of the guard that ends, and the messages of the next guard."""
         begin = len(self.received)
         ends()
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Peers that never read, that come and go, that send what is no pose, and that ask without end: the simulation goes on, and its memory
-stays as it is."""
+"""Test peers that never read, that connect and disconnect, that send invalid poses, and that send endless requests.
+The simulation continues, and its memory stays bounded."""
 import os
 import shutil
 import signal
@@ -50,7 +50,7 @@ class HostileTest(unittest.TestCase):
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
     def goes_on(self):
-        """As before: steps at their rate, none of which failed."""
+        """Check that steps continue at their rate and none fails."""
         self.node.goes_on()
 
         def made():
@@ -61,7 +61,7 @@ class HostileTest(unittest.TestCase):
         self.assertLess(self.resident() - self.before, MOST)
 
     def never_reads(self, topic, kind):
-        """A connection as of a subscriber, whose socket nobody reads."""
+        """Open a subscriber's connection and never read its socket."""
         code, text, (_, host, port) = self.api.requestTopic("/never_reads", NAMESPACE + topic, [["TCPROS"]])
         self.assertEqual(code, 1, text)
         link = socket.socket()
@@ -108,7 +108,8 @@ class HostileTest(unittest.TestCase):
         self.goes_on()
 
     def test_poses_that_are_no_numbers(self):
-        """Of a tool that holds and of a blade that is on: neither is there, what was held is let go, and nothing is cut."""
+        """For a tool that grasps and for a blade that is on: both are absent, the grasp is released, and nothing is
+        cut."""
         grasper, knife = Tool("grasper", "tissue"), Tool("knife", "tissue")
         blade = rospy.Publisher(NAMESPACE + "knife/blade", Bool, queue_size=1, latch=True)
         whole = self.node.topology.message.revision

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Every launch file can be read by roslaunch, and every `roslaunch` line that the documents and the launch files show names
-arguments that there are: roslaunch itself drops an unknown one without a word. Nothing is started."""
+"""roslaunch can read every launch file. Every `roslaunch` line in the documents and launch files has existing
+arguments: roslaunch silently ignores unknown ones. The test starts nothing."""
 import glob
 import os
 import re
@@ -35,26 +35,26 @@ WITH.update({name: ["haptic:=true"] for name in ("hand", "following", "needs_fol
 
 
 def everything(config):
-    """What roslaunch would do, as text."""
+    """Return the actions of roslaunch, as text."""
     nodes = sorted(repr((n.package, n.type, n.name, n.namespace, n.args, sorted(n.remap_args), n.respawn, sorted(n.env_args))) for n in config.nodes)
     return nodes + sorted("%s = %r" % (path, param.value) for path, param in config.params.items())
 
 
 def load(path, arguments):
-    """As roslaunch does, but without the core's own file, which starts two programs each time."""
+    """Load a file as roslaunch does, but without the core's own file, which starts two programs each time."""
     config = roslaunch.config.ROSLaunchConfig()
     roslaunch.xmlloader.XmlLoader().load(path, config, argv=arguments, verbose=False)
     return config
 
 
 def declared(path):
-    """Defaults, by the names of the arguments."""
+    """Return the default values of the arguments."""
     root = xml.etree.ElementTree.parse(path).getroot()
     return {arg.get("name"): arg.get("default", "") for arg in root.findall("arg") if arg.get("value") is None}
 
 
 def shown_lines():
-    """(where, name of the launch file, its arguments)"""
+    """Return (source, name of the launch file, its arguments) of each line."""
     for path in DOCUMENTS + FILES:
         with open(path, encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
@@ -182,7 +182,7 @@ class LaunchTest(unittest.TestCase):
         self.assertEqual(params["/tissue/sim/tool/hand/frame"], "table")
 
     def assert_recorded(self, robot, recorder):
-        """Whether every input of the node and of force_guard is among the recorder's topics."""
+        """Check that the recorder's topics include every input of the node and of force_guard."""
         topics, params, nodes = self.robot(*robot, "haptic:=true", "blade:=scalpel", "shape:=tool_type")
         recorded = load(SOURCE + "/launch/record.launch", recorder).nodes[0].args.split(" -e ")[1].strip()
         inputs = ["measured_cp", "jaw/measured_js", "energy", "blade", "tool_type", "operating_state"]

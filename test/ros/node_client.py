@@ -1,5 +1,6 @@
-"""What the tests of the node share: the latest message of a topic, a tool that moves, a volume out of boxes. What went
-another way, or is older than what it is to tell of, may come at any time: they wait for its stamp or identity."""
+"""Shared code of the node's tests: the latest message of a topic, a moving tool, and a volume assembled from boxes.
+Messages on different topics, and old messages, may arrive at any time. So the code waits for a stamp or an
+identifier."""
 import gzip
 import os
 import resource
@@ -24,7 +25,7 @@ TIMEOUT = 30.0  # time limit on a busy machine [s]
 
 
 def wait_for(condition, what, timeout=TIMEOUT, pause=0.02):
-    """Poll until condition() is true, or an array; its value."""
+    """Poll until condition() returns true or an array. Return its value."""
     end = time.time() + timeout
     while time.time() < end and not rospy.is_shutdown():
         value = condition()
@@ -40,7 +41,7 @@ def call(name, kind, *arguments):
 
 
 def is_sent(node, topic, reader):
-    """Whether a node has a connection for a topic of its own to a reader, by the node's word."""
+    """Return whether a node reports a connection of one of its topics to a reader."""
     address = rosgraph.Master("/node_client").lookupNode(NAMESPACE + node)
     code, text, connections = xmlrpc.client.ServerProxy(address).getBusInfo("/node_client")
     assert code == 1, text
@@ -48,7 +49,7 @@ def is_sent(node, topic, reader):
 
 
 def resident_bytes(node):
-    """Memory of a node."""
+    """Return the resident memory of a node."""
     code, text, process = xmlrpc.client.ServerProxy(rosgraph.Master("/node_client").lookupNode(NAMESPACE + node)).getPid("/node_client")
     assert code == 1, text
     with open("/proc/%d/statm" % process) as file:
@@ -56,7 +57,7 @@ def resident_bytes(node):
 
 
 def nifti_voxels(path):
-    """Of 16 bits, (slices, rows, columns)."""
+    """Return the 16-bit voxels (slices, rows, columns)."""
     with gzip.open(path) as file:
         data = file.read()
     size = struct.unpack_from("<8h", data, 40)[1:4]
@@ -66,7 +67,7 @@ def nifti_voxels(path):
 
 
 class Launch:
-    """roslaunch of a file of the package, with the master of this test; said() is what it has printed."""
+    """roslaunch of a file of the package, with the master of this test. said() returns its output."""
 
     def __init__(self, name, **arguments):
         command = ["roslaunch", "pliant", name] + ["%s:=%s" % pair for pair in arguments.items()]
@@ -103,12 +104,12 @@ class Latest:
         self.message = message
 
     def since(self, start):
-        """The newest message, once it is one that was made at the time of start or later."""
+        """Wait for a message with this time stamp or a later one. Return it."""
         return wait_for(lambda: self.message if self.message and self.message.header.stamp >= start else None,
                         "what is newer on " + self.topic)
 
     def fresh(self):
-        """The newest message, once it is one that was made from now on: older ones may have been under way."""
+        """Wait for a message that is made after this call: older ones may still arrive. Return it."""
         return self.since(rospy.Time.now())
 
     def close(self):
@@ -116,7 +117,7 @@ class Latest:
 
 
 class Tool:
-    """Sends measured_cp and jaw/measured_js at 100 Hz, as long as it is switched on."""
+    """Publishes measured_cp and jaw/measured_js at 100 Hz, while is_on is true."""
 
     def __init__(self, name, frame):
         self.position, self.frame, self.closed = [0.0, 0.0, 0.0], frame, False
@@ -135,13 +136,14 @@ class Tool:
             time.sleep(0.01)
 
     def appear(self, position):
-        """With an open jaw."""
+        """Appear with an open jaw."""
         self.position, self.closed, self.is_on = list(position), False, True
         wait_for(lambda: self.pose.get_num_connections() and self.jaw.get_num_connections(), "the node to listen")
 
     def take_hold(self, contact):
-        """Close, until contact says that it holds. A jaw takes hold as it closes, where the node has seen it open; nothing
-        tells that it has, and on a busy machine the tool may be away for a moment: then it opens for longer, and closes again."""
+        """Close the jaw until contact reports a grasp. The node grasps when it has received an open jaw before the
+        closed one, but it does not confirm the open jaw. On a busy machine the tool may be absent for a moment.
+        Then the jaw opens for longer and closes again."""
         open_for = 0.2
         while True:
             self.closed = False
@@ -176,7 +178,8 @@ class Tool:
 
 
 class WholeVolume:
-    """Boxes put into the volume received before. Who falls behind misses some, and asks for the whole by subscribing anew."""
+    """Assemble the volume from boxes of changes. A slow subscriber misses boxes. Then it subscribes again and
+    receives the whole volume."""
 
     def __init__(self):
         self.lock = threading.Lock()
@@ -203,7 +206,7 @@ class WholeVolume:
                 self.since_whole += 1
 
     def copy(self):
-        """None before the first one."""
+        """Return a copy of the voxels, or None before the first volume."""
         with self.lock:
             if not self.is_lost:
                 return None if self.voxels is None else self.voxels.copy()
@@ -212,14 +215,14 @@ class WholeVolume:
         return None
 
     def when(self, condition, what):
-        """The first copy that condition is true of."""
+        """Return the first copy that fulfils the condition."""
         def look():
             voxels = self.copy()
             return voxels if voxels is not None and condition(voxels) else None
         return wait_for(look, what)
 
     def close(self):
-        """And wait until the node knows."""
+        """Unsubscribe, and wait until the node has noticed it."""
         self.subscriber.unregister()
         wait_for(lambda: not is_sent("sim", "volume", rospy.get_name()), "the node to see that nobody looks")
 
@@ -235,7 +238,7 @@ class Node:
         self.contact = Latest(namespace + tool + "/contact", ContactState)
 
     def wait_until_running(self, start=rospy.Time(0)):
-        """By what is told of the state and of a model at the time of start or later."""
+        """Wait until the state is RUNNING and the model's messages have this time stamp or a later one."""
         def runs():
             state = self.state.message
             return state and state.header.stamp >= start and state.state == SimState.RUNNING and not state.is_busy
@@ -244,14 +247,15 @@ class Node:
         self.topology.since(start)
 
     def goes_on(self):
-        """Steps are made from now on, and none fails."""
+        """Check that new steps follow and none fails."""
         step = self.mesh.fresh().step
         wait_for(lambda: self.mesh.fresh().step > step, "further steps")
         wait_for(lambda: self.state.message.state == SimState.RUNNING, "RUNNING")
 
     def asked(self, name, kind, *arguments):
-        """The answer of a call that puts in another model. Its scan_info and topology are here then, and it runs: what
-        is told of a model goes another way than the answer, and may come after it."""
+        """Call a service that replaces the model. Return the answer after scan_info and topology have arrived and
+        the simulation runs. The model's messages have another connection than the answer, so they may arrive
+        later."""
         start = rospy.Time.now()
         answer = call(name, kind, *arguments)
         if answer.success:
@@ -271,7 +275,7 @@ class Node:
         return numpy.array(self.topology.message.rest_nodes).reshape(-1, 3)
 
     def displacement(self):
-        """Largest of any node [m], from a state that fits the topology."""
+        """Return the maximum displacement of a node [m], from a state that matches the topology."""
         def matching():
             state = self.mesh.fresh()
             return state if state.revision == self.topology.message.revision else None
@@ -279,7 +283,7 @@ class Node:
         return float(numpy.max(numpy.linalg.norm(nodes - self.rest(), axis=1)))
 
     def front(self):
-        """A point well inside the tissue in the middle of the front: the centroid of a tetrahedron 2 cm deep."""
+        """Return a point inside the tissue in the middle of the front: the centroid of a tetrahedron 2 cm deep."""
         rest = self.rest()
         centroids = rest[numpy.array(self.topology.message.tetrahedra).reshape(-1, 4)].mean(axis=1)
         middle = 0.5 * (rest.min(axis=0) + rest.max(axis=0))

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The running node: a tool pulls and lets go, services work and refuse, nothing is sent that nobody asked for."""
+"""Test the running node: a tool pulls and releases, services succeed and fail, and nothing is published without a
+subscriber."""
 import math
 import os
 import shutil
@@ -48,7 +49,7 @@ def make_folders(folder):
 
 
 def first_scan(folder):
-    """What the node was started with, as load_scan may name it."""
+    """Return the scan of the node's start, as a path for load_scan."""
     path = rospy.get_param("/tissue/sim/scan/path")
     if path.startswith("phantom"):
         return path
@@ -70,7 +71,7 @@ class NodeTest(unittest.TestCase):
         cls.first_info = wait_for(lambda: cls.node.info.message, "scan_info")
 
     def setUp(self):
-        """The first scan at rest, no tool, running."""
+        """Restore the first scan at rest, without tools, running."""
         now, first = self.node.info.message, self.first_info
         if (now.scan_id, now.nodes, now.method) != (first.scan_id, first.nodes, first.method):
             answer = self.node.load(self.scan)
@@ -83,7 +84,7 @@ class NodeTest(unittest.TestCase):
         wait_for(lambda: not self.node.contact.fresh().present, "the tool to be gone")
 
     def grasp(self, to_frame=lambda point: point):
-        """At the skin, which lies behind the border of the elements."""
+        """Grasp at the skin, which lies inside the border of the elements."""
         point = self.node.front()
         self.tool.appear(to_frame(point))
         contact = wait_for(lambda: self.node.contact.message if self.node.contact.fresh().present else None, "the tool to be there")
@@ -95,7 +96,7 @@ class NodeTest(unittest.TestCase):
         return point
 
     def pull(self, to_frame=lambda point: point, distance=0.02):
-        """Forwards, which is -y."""
+        """Pull forwards, which is -y."""
         point = self.grasp(to_frame)
         self.tool.position = list(to_frame(point - [0, distance, 0]))
         wait_for(lambda: self.node.displacement() > 0.25 * distance, "the tissue to follow the tool")
@@ -261,7 +262,7 @@ class NodeTest(unittest.TestCase):
         numpy.testing.assert_array_equal(wait_for(fresh.copy, "the whole volume"), whole)
 
     def test_a_slow_reader_gets_what_it_missed_and_costs_no_memory(self):
-        """It reads one message, then none while the tissue moves, then all that are left."""
+        """A subscriber reads one message, then none while the tissue moves, then all remaining messages."""
         script = '''
 import sys, threading, zlib
 import rospy
@@ -294,12 +295,13 @@ for line in sys.stdin:
             self.assertGreaterEqual(fast.bytes - first, volumes * size, "this one is not held up")
 
         def told(name, key):
-            """Of the newest diagnostics [bytes]"""
+            """Return a value of the newest diagnostics [bytes]."""
             values = {value.key: value.value for status in diagnostics.message.status if status.name.endswith(": " + name) for value in status.values}
             return 1e6 * float(values.get(key, 0))
 
         def memory_of_node():
-            """Without what the solver keeps, which makes factors and patches in the background as the tissue moves."""
+            """Return the node's memory without the solver's: it builds factors and patches in the background while
+            the tissue moves."""
             return resident_bytes("sim") - told("backend", "memory in use [MB]")
         most, diagnostics = [0], Latest("/diagnostics", DiagnosticArray)
         self.addCleanup(diagnostics.close)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A session is recorded and replayed: the volumes that come out are those that were shown live, by checksum."""
+"""Record and replay a session: the replayed volumes have the checksums of the live volumes."""
 import bisect
 import os
 import shutil
@@ -23,7 +23,7 @@ SECONDS = 60.0  # time limit on a busy machine
 
 
 class Checksums:
-    """Of every whole volume, put together from boxes, in the order of the stamps that came."""
+    """Checksums of whole volumes, assembled from boxes, in the order of their time stamps."""
 
     def __init__(self):
         self.voxels, self.seen, self.sizes, self.gaps, self.last = None, [], set(), 0, None
@@ -57,7 +57,7 @@ class Checksums:
 
 
 def write_scene(path):
-    """That of the demo, with so little room and so firm a grip that the pulled tissue leaves the grid."""
+    """Write the demo scene with a small margin and a strong grasp, so that the pulled tissue leaves the grid."""
     launch = subprocess.check_output(["rospack", "find", "pliant"], universal_newlines=True).strip() + "/launch"
     with open(launch + "/scenes/demo.yaml") as file:
         text = file.read().replace("../materials", launch + "/materials").replace("stiffness: 500", "stiffness: 5000")
@@ -66,7 +66,7 @@ def write_scene(path):
 
 
 def write_path(path):
-    """In and out within two seconds, so that volumes differ all the time."""
+    """Write a path that moves in and out within two seconds, so that all volumes differ."""
     with open(path, "w") as file:
         file.write("tools:\n  - name: grasper\n    grasp: [-0.054, -0.063, 0.063]\n    motion:\n"
                    "      - {time: 0.0, offset: [0, 0, 0]}\n      - {time: 1.0, offset: [0, -0.06, 0]}\n"
@@ -87,7 +87,7 @@ class ReplayTest(unittest.TestCase):
 
     @classmethod
     def record(cls):
-        """A cycle of the scripted tool; cls.live is what was shown while it was surely recorded."""
+        """Record a cycle of the scripted tool. cls.live contains the volumes that the recording surely includes."""
         # a replay contains every change; a live volume contains changes below the scan's noise only at rest, unless
         # requested
         with open(cls.folder + "/params.yaml", "w") as file:
@@ -117,14 +117,14 @@ class ReplayTest(unittest.TestCase):
 
     @classmethod
     def recorded(cls):
-        """(stamp of the state [ns], when it came, seconds since the start of the bag)"""
+        """Return (time stamp of the state [ns], seconds from the start of the bag to its arrival)."""
         with rosbag.Bag(cls.bag) as bag:
             start = bag.get_start_time()
             return [(message.header.stamp.to_nsec(), when.to_sec() - start)
                     for _, message, when in bag.read_messages(NAMESPACE + "mesh/state")]
 
     def replay(self, until, **arguments):
-        """What a replay shows, until a condition on that."""
+        """Replay until the condition is true, and return the volumes."""
         volumes = Checksums()
         launch = Launch("replay.launch", bag=self.bag, **dict({"scan": SCAN, "scene": self.scene}, **arguments))
         try:
@@ -137,8 +137,9 @@ class ReplayTest(unittest.TestCase):
         return volumes.all()
 
     def assert_same(self, replayed, live, before=None):
-        """At the stamp of every live volume. A state that changes nothing since the one before sends no volume: there are
-        more states than live volumes. before: the checksum of what was shown before; None: nothing, and so the first state is."""
+        """Compare at the time stamp of every live volume. A state without changes sends no volume, so more states
+        than live volumes exist. before: checksum of the previous volume; None: there was none, and the first
+        state's volume is required."""
         if before is None:
             self.assertEqual(replayed[0][0], self.states[0], "the first states were missed")
         stamps = [stamp for stamp, _ in replayed]

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A session that no step waited in, on a busy machine, is made again from what its tools did: the same positions, to the bit."""
+"""Recompute a session from its recorded tool inputs, bit for bit. On a busy machine no step of the session has
+waited for background work."""
 import csv
 import math
 import os
@@ -32,7 +33,7 @@ TURNS = 120
 
 
 def write_scene(path):
-    """That of the demo, on a mesh that takes long to factor, and few states; it may be cut."""
+    """Write the demo scene with a mesh that needs long factorizations, few states, and cuts."""
     launch = subprocess.check_output(["rospack", "find", "pliant"], universal_newlines=True).strip() + "/launch"
     with open(launch + "/scenes/demo.yaml") as file:
         text = file.read().replace("../materials", launch + "/materials").replace("ratio: 2", "ratio: 3")
@@ -55,7 +56,7 @@ class RerunTest(unittest.TestCase):
 
     @classmethod
     def record(cls):
-        """With as many processes that keep cores busy as there are cores."""
+        """Record while one busy process per core runs."""
         live = Launch("tissue.launch", scan=SCAN, scene=cls.scene, tool_max_age="1", parent_frame="")
         busy, recorder = [], None
         try:
@@ -78,7 +79,7 @@ class RerunTest(unittest.TestCase):
 
     @classmethod
     def pull(cls, node, tool):
-        """To and fro and around, while gravity changes; on the way the tissue is cut."""
+        """Move in circles while gravity changes, and cut the tissue on the way."""
         change = rospy.ServiceProxy(NAMESPACE + "sim/set_parameters", Reconfigure)
         front, step = node.front(), Latest("step", Step)
         tool.appear(front)
@@ -106,7 +107,7 @@ class RerunTest(unittest.TestCase):
         return self.run_bag(bag, "--scan", SCAN, "--scene", self.scene, "--simulate", *arguments)
 
     def rewritten(self, name, change, turns):
-        """The bag's first turns since the reset, each changed; None: left out."""
+        """Write a bag with the first steps after the reset, each one changed; None: omitted."""
         path = self.folder + "/" + name
         with rosbag.Bag(self.bag) as source, rosbag.Bag(path, "w") as out:
             begun = False
@@ -152,7 +153,7 @@ class RerunTest(unittest.TestCase):
         arrived = [step.sequence for step in self.steps[first:] if step.background]
 
         def later(step):
-            """What each step took, the next one takes."""
+            """Delay the background result of each step by one step."""
             step.background, before[0] = before[0], step.background
             return step
         code, _, errors = self.simulate(self.rewritten("late.bag", later, arrived[3] + 10))
@@ -185,7 +186,8 @@ class RerunTest(unittest.TestCase):
         self.assertIn("each as recorded, to the bit", launch.said())
 
     def test_replay_goes_on_from_any_point(self):
-        """From after the cut: steps are made again from the reset on, states are shown with the topology of then."""
+        """Start after the cut: the replay recomputes the steps from the reset on, and shows states with the topology
+        of that time."""
         with rosbag.Bag(self.bag) as bag:
             start, times = bag.get_start_time(), {}
             for topic, message, when in bag.read_messages([NAMESPACE + "step", NAMESPACE + "mesh/state"]):

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Beside a robot that is made up (sim_robot), by the launch file for a real one: it takes hold, pulls, and what goes wrong with it does no harm."""
+"""Test the launch file for a real robot with a simulated robot (sim_robot): it grasps and pulls, and the robot's
+faults do no harm."""
 import os
 import pty
 import subprocess
@@ -25,7 +26,7 @@ BEHIND = {"silent": "old", "invalid": "stamp 0", "frozen": "old", "nan": "finite
 
 
 def in_arm(place):
-    """In the arm's frame, whose origin is 0.2 above the tissue's."""
+    """Convert to the arm's frame, whose origin is 0.2 above the tissue's origin."""
     message = PoseStamped()
     message.pose.position = Point(place[0], place[1], place[2] - 0.2)
     message.pose.orientation.w = 1
@@ -33,7 +34,8 @@ def in_arm(place):
 
 
 def arrived(pose, place):
-    """Whether the arm is where it was sent: what takes hold on the way there pulls for the rest of it, and may slip."""
+    """Return whether the arm has reached its goal. A grasp on the way there would pull for the rest of the way, and
+    might slip."""
     if not pose.message:
         return False
     there, goal = pose.message.pose.position, in_arm(place).pose.position
@@ -45,7 +47,8 @@ def jaw(closed):
 
 
 def close_jaws(node, jaws, seconds):
-    """Until they hold: on a busy machine the tool may be away for a moment, and its jaw not seen open."""
+    """Close the jaws until they hold. On a busy machine the tool may be absent for a moment, so the node misses the
+    open jaw."""
     def holds():
         jaws.publish(jaw(False))
         time.sleep(seconds)
@@ -119,7 +122,7 @@ class RobotTest(unittest.TestCase):
         self.fault.publish("none")
 
     def other_robot(self, namespace, arm, prefix):
-        """Of which the launch file knows where poses, jaws and frames are: it takes hold and pulls."""
+        """Test a robot whose poses, jaws and frames the launch file specifies: it grasps and pulls."""
         node, force = Node(arm, namespace), Latest(namespace + arm + "/measured_cf", WrenchStamped)
         servo, jaws = (rospy.Publisher("%s/%s/%s" % (prefix, arm, topic), kind, queue_size=1, latch=True)
                        for topic, kind in (("servo_cp", PoseStamped), ("jaw/servo_jp", JointState)))

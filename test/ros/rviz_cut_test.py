@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""A severed organ in rviz: the phantom's liver hangs, is cut by the service and falls open. What the volume, its isosurface and the mesh show
-is what the deformed voxels say, the open cut too. Seen as in rviz_pull_test.py.
+"""Test a severed organ in rviz: the phantom's liver hangs, the service cuts it, and it falls open. The volume, its
+isosurface and the mesh show the deformed voxels, including the open cut. The view is the view of
+rviz_pull_test.py.
 """
 import os
 import sys
@@ -43,7 +44,7 @@ EMPTY = -100  # [HU] and less: empty
 
 
 def inner(area):
-    """Without the edge, 4 pixels wide, where pixels and voxels differ."""
+    """Remove a border of 4 pixels, where pixels and voxels differ."""
     for _ in range(4):
         without = area.copy()
         without[1:] &= area[:-1]
@@ -76,7 +77,7 @@ class Severed(unittest.TestCase):
 
     @classmethod
     def take_volume(cls, message):
-        """A whole one, or a box of what has changed."""
+        """Take a whole volume, or a box of changes."""
         box = message.slope * numpy.frombuffer(message.data, numpy.int16).reshape(message.size[::-1]) + message.intercept
         if list(message.size) == list(message.full_size):
             o, s = message.origin.position, message.spacing
@@ -93,7 +94,7 @@ class Severed(unittest.TestCase):
         return answer
 
     def hold_still(self):
-        """The volume, all of it, and the nodes are those of the state that is held."""
+        """Pause, and wait for the whole volume and the nodes of the paused state."""
         self.call("pause", SetBool, True)
         begin = rospy.Time.now()
 
@@ -105,7 +106,7 @@ class Severed(unittest.TestCase):
         self.stage.wait(is_held, what="the volume that is held")
 
     def silhouette(self):
-        """Where something lies, of the voxels on the picture's pixels."""
+        """Project the tissue voxels to the picture's pixels."""
         x, y, width, height = self.stage.window()
         left = VIEW["X"] + (numpy.arange(width) + 0.5 - width / 2) / VIEW["Scale"]
         up = VIEW["Y"] - (numpy.arange(height) + 0.5 - height / 2) / VIEW["Scale"]
@@ -155,7 +156,7 @@ class Severed(unittest.TestCase):
             self.assert_seen(name, True)
 
     def gap(self, seen):
-        """Nothing there, though there is something above and below: by columns."""
+        """Return the empty pixels with tissue above and below in their column."""
         above = numpy.logical_or.accumulate(seen, axis=0)
         below = numpy.logical_or.accumulate(seen[::-1], axis=0)[::-1]
         return inner(above & below & ~seen)

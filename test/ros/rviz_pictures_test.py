@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What is seen of the volume and mesh displays: known volumes in known places, seen from above, pixel by pixel.
+"""Test the pictures of the volume and mesh displays: known volumes at known positions, seen from above, pixel by pixel.
 
-One rviz shows a stage seen along -z without perspective. Each test has a spot of its own on it, 0.4 m apart. Three
-magenta markers say where metres are on the screen.
+One rviz shows a stage along -z without perspective. Each test has a separate spot, 0.4 m from the others. Three
+magenta markers calibrate pixels to metres.
 """
 import os
 import sys
@@ -92,7 +92,7 @@ def rotation(q):
 
 
 def volume(voxels, spacing, origin, orientation=(0, 0, 0, 1), frame="stage", sequence=1, flipped=False, offset=None, full=None, since=0):
-    """voxels[k, j, i] of uint8, int16 or float32 as a message."""
+    """Return voxels[k, j, i] of uint8, int16 or float32 as a message."""
     message = Volume()
     message.header.frame_id = frame
     message.scan_id = "test"
@@ -192,7 +192,7 @@ class Pictures(unittest.TestCase):
         return self.map.pixel(point)
 
     def grey(self, picture, point):
-        """Mean brightness of 3 x 3 pixels around a point of the stage."""
+        """Return the mean brightness of 3 x 3 pixels around a point of the stage."""
         x, y = numpy.round(self.pixel(point)).astype(int)
         return picture[y - 1:y + 2, x - 1:x + 2].mean()
 
@@ -201,7 +201,7 @@ class Pictures(unittest.TestCase):
         return picture[y - 1:y + 2, x - 1:x + 2].reshape(-1, 3).mean(axis=0)
 
     def bright(self, picture, column, row, above=100):
-        """Bounding box in metres of what is bright around a spot: (low, high), and the mask."""
+        """Return the bounding box (low, high) [m] of the bright pixels around a spot, and their mask."""
         middle = spot(column, row)
         corners = numpy.array([self.pixel(middle - [0.19, 0.19, 0]), self.pixel(middle + [0.19, 0.19, 0])])
         (x0, y0), (x1, y1) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
@@ -321,7 +321,7 @@ class Pictures(unittest.TestCase):
         self.stage.agrees(check)
 
     def test_a_lost_box_is_asked_for(self):
-        """After a gap in the sequence the display subscribes anew, and is sent a whole volume."""
+        """After a gap in the sequence, the display subscribes again and receives a whole volume."""
         connected = []
 
         class Listener(rospy.SubscribeListener):

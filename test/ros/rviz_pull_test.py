@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""What a hand does in rviz, with a real simulation and a synthetic mouse: a drag moves the tissue under the cursor, a click takes hold of
-what is seen or tells its material, a marker places the tissue, a panel's points change the transfer function.
+"""Test the mouse in rviz with a real simulation. A drag moves the tissue under the cursor. A click grasps the visible
+tissue or shows its material. A marker places the tissue, and a panel's points change the transfer function.
 
-The phantom is seen from the front without perspective: the fixed frame is turned against the tissue's, x left, y up.
+The view shows the phantom from the front without perspective. The fixed frame is rotated against the tissue's frame:
+x left, y up.
 """
 import os
 import sys
@@ -38,7 +39,7 @@ PARAMETERS = ["_scan/path:=phantom:96x80x72", "_tools:=mouse", "_tool_max_age:=2
 
 
 def front(point):
-    """From tissue axes (LPS) to the frame that is looked at: left, superior, anterior."""
+    """Convert tissue axes (LPS) to the view's frame: left, superior, anterior."""
     return numpy.array([point[0], point[2], -point[1]])
 
 
@@ -134,7 +135,7 @@ class Pull(unittest.TestCase):
         wait(lambda: not self.contact.present, what="the tool gone")
 
     def moved(self):
-        """How far each node is from its place at rest [m]."""
+        """Return the distance of each node from its rest position [m]."""
         return numpy.linalg.norm(self.state - self.rest, axis=1)
 
     @staticmethod
@@ -200,7 +201,7 @@ PANELS = """Panels:
 
 
 class Seen(unittest.TestCase):
-    """As the demo shows the phantom: half transparent, from the front, the view fits by itself."""
+    """The phantom as in the demo: half transparent, from the front, with an automatic view."""
 
     @classmethod
     def setUpClass(cls):
@@ -216,12 +217,12 @@ class Seen(unittest.TestCase):
         cls.stage.load(text)
 
     def body(self, picture):
-        """Rows and columns of what is not background in the 3-D view."""
+        """Return the rows and columns of the 3-D view that are not background."""
         view = self.stage.view(picture)
         return numpy.argwhere(view.max(axis=2) > 40), view.shape
 
     def pixel(self, point):
-        """Of a point of the fixed frame, by what rviz itself says of its view."""
+        """Return the pixel of a point in the fixed frame, from rviz's own view settings."""
         view = self.stage.saved()["Views"]["Current"]
         x, y, width, height = self.stage.window()
         return numpy.round([x + width / 2 + (point[0] - view["X"]) * view["Scale"],
@@ -249,12 +250,12 @@ class Seen(unittest.TestCase):
             self.stage.picture(os.environ["PLIANT_TEST_PICTURE"] + ".letters.png")
 
     def choose(self, key):
-        """A tool, by its key in the 3-D view."""
+        """Choose a tool by its key in the 3-D view."""
         x, y, width, height = self.stage.window()
         self.stage.mouse("mousemove", x + width // 2, y + height - 5, "key", key)
 
     def value_at(self, point):
-        """Of the volume as the node sent it last, at the nearest voxel [HU]."""
+        """Return the value of the last published volume at the nearest voxel [HU]."""
         volume = self.volume
         voxel = numpy.round((numpy.array(point) - self.origin) / self.spacing).astype(int)
         return volume[tuple(voxel[::-1])]
@@ -267,7 +268,7 @@ class Seen(unittest.TestCase):
         self.volume = message.slope * numpy.frombuffer(message.data, numpy.int16).reshape(message.size[::-1]) + message.intercept
 
     def liver(self):
-        """A pixel where the liver is seen: dark red, over a wide patch."""
+        """Return a pixel inside the visible liver: dark red, in a wide patch."""
         view = self.stage.view(self.stage.still()).astype(float)
         red = (view[:, :, 0] > 60) & (view[:, :, 0] > 1.7 * view[:, :, 1]) & (view[:, :, 0] < 190)
         x, y, width, height = self.stage.window()
@@ -302,7 +303,7 @@ class Seen(unittest.TestCase):
         reader.unregister()
 
     def drag(self, start, by):
-        """From one pixel to another, slowly."""
+        """Drag slowly from one pixel to another."""
         self.stage.mouse("mousemove", *start)
         time.sleep(0.3)
         self.stage.mouse("mousedown", 1)
@@ -342,7 +343,7 @@ class Seen(unittest.TestCase):
             return self.stage.rows().get("Material/" + name, (None, ""))[1]
 
         def click():
-            """Until the tool, which is just chosen, knows the session."""
+            """Click again until the new tool has received the session."""
             time.sleep(1)
             self.stage.mouse("click", 1)
             time.sleep(1)
@@ -377,7 +378,7 @@ class Seen(unittest.TestCase):
         before = place()
 
         def arrow(picture):
-            """The rightmost of what is red: the arrow along x."""
+            """Return the rightmost red pixel: the arrow along x."""
             red = numpy.argwhere((picture[:, :, 0] > 120) & (picture[:, :, 1:].max(axis=2) < 80))
             return len(red) > 100 and red[red[:, 1] > red[:, 1].max() - 8].mean(axis=0)[::-1]
         start = arrow(self.stage.wait_for(lambda p: arrow(p) is not False, what="the marker"))

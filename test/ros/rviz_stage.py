@@ -1,6 +1,8 @@
-"""A stage for tests of the rviz displays: a ROS master, a virtual screen, rviz with software rendering, pictures of it.
+"""A stage for tests of the rviz displays: a ROS master, a virtual screen, rviz with software rendering, and
+screenshots.
 
-Everything runs on free ports and is ended with the stage, or with this process. Nothing here needs a graphics card or a person.
+All processes run on free ports and end with the stage, or with this process. The tests need no graphics card and no
+user.
 """
 import atexit
 import os
@@ -20,12 +22,13 @@ NEEDED = ["Xvfb", "rviz", "rosmaster", "xdotool", "xwininfo"]
 
 
 def missing():
-    """Programs that the stage needs and that are not here."""
+    """Return the missing programs of the stage."""
     return [name for name in NEEDED if shutil.which(name) is None]
 
 
 def program(name):
-    """One of the package, where roslaunch finds it. rosrun looks into no build folder that lies in the source tree."""
+    """Return the path of a program of the package, as roslaunch finds it. rosrun ignores a build folder inside the
+    source tree."""
     import roslib.packages
     found = roslib.packages.find_node("pliant", name)
     if not found:
@@ -40,7 +43,8 @@ def free_port():
 
 
 def config(displays, view, fixed_frame="tissue", background="0; 0; 0", tools="", rate=30):
-    """An rviz configuration without panels: displays and tools are YAML blocks, view a dictionary. The first tool is active."""
+    """Return an rviz configuration without panels. displays and tools are YAML blocks, view is a dictionary. The
+    first tool is active."""
     def indent(text, by):
         return "".join(" " * by + line + "\n" for line in text.strip("\n").splitlines())
     view_text = "".join("      %s: %s\n" % item for item in view.items())
@@ -53,7 +57,7 @@ def config(displays, view, fixed_frame="tissue", background="0; 0; 0", tools="",
 
 
 def magenta_centres(picture):
-    """Centres (x, y) in pixels of the magenta patches, from the bottom to the top, from left to right."""
+    """Return the centres (x, y) [pixels] of the magenta patches, from the bottom to the top, from left to right."""
     red, green, blue = (picture[:, :, c].astype(int) for c in range(3))
     groups = []
     for at in numpy.argwhere((red > 80) & (abs(red - blue) < 20) & (green < red // 3)):
@@ -68,7 +72,8 @@ def magenta_centres(picture):
 
 
 class Map:
-    """From metres of a stage seen from above to pixels, by three magenta markers: left and right below, left above."""
+    """Map from metres of a stage, seen from above, to pixels. Its three magenta markers are at the lower left, lower
+    right and upper left."""
 
     def __init__(self, places, picture):
         self.matrix = numpy.linalg.solve(numpy.column_stack([places, numpy.ones(3)]), numpy.array(magenta_centres(picture)))
@@ -82,7 +87,7 @@ class Map:
 
 
 class Stage:
-    """`with Stage(config_text) as stage:`. ROS nodes of this process may start inside only. tells_rows: there is rows()."""
+    """`with Stage(config_text) as stage:`. Start ROS nodes of this process only inside. tells_rows: enables rows()."""
 
     def __init__(self, configuration, width=480, height=400, plugin_path=None, tells_rows=False):
         self.configuration = configuration % (width, height)
@@ -140,7 +145,7 @@ class Stage:
         self.processes[name] = process
 
     def logs(self):
-        """The ends of what the processes have said."""
+        """Return the last output of all processes."""
         text = ""
         for name in self.processes:
             with open(os.path.join(self.folder, name + ".log"), errors="replace") as log:
@@ -148,17 +153,18 @@ class Stage:
         return text
 
     def check_alive(self):
-        """Raises with the logs where a process of the stage has ended."""
+        """Raise an error with the logs if a process of the stage has ended."""
         for name, process in self.processes.items():
             if process.poll() is not None:
                 raise RuntimeError("%s ended with code %d\n%s" % (name, process.returncode, self.logs()))
 
     def window(self):
-        """Window of the 3-D view: (x, y, width, height) on the screen. Waited for: rviz makes it anew as it loads a configuration."""
+        """Wait for the 3-D view's window. Return (x, y, width, height) on the screen. rviz creates a new window for
+        each configuration."""
         return self.wait(self._look_for_window, what="rviz's 3-D view")
 
     def _look_for_window(self):
-        """As window(); None while it is not there."""
+        """Return the window as window() does, or None without a window."""
         tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True)
         if tree.returncode != 0:  # a window disappeared during the query
             return None
@@ -179,14 +185,15 @@ class Stage:
         return best
 
     def _map_screen(self, path):
-        """The server's memory, a file in the format of xwd: numbers of 4 bytes, colours of 12, then blue, green, red, nothing."""
+        """Map the server's memory, a file in xwd format: 32-bit header numbers, 12-byte colour entries, then blue,
+        green, red, unused."""
         numbers = numpy.fromfile(path, ">u4", 25)
         line, offset = int(numbers[12]), int(numbers[0] + 12 * numbers[19])
         pixels = numpy.memmap(path, numpy.uint8, "r", offset, (self.height, line))
         self.pixels = pixels[:, :4 * self.width].reshape(self.height, self.width, 4)[:, :, 2::-1]
 
     def picture(self, path=None):
-        """The screen as an array (rows, columns, 3) of 0..255; also as a file."""
+        """Return the screen as an array (rows, columns, 3) of 0..255. path: also write it to this file."""
         image = numpy.array(self.pixels)
         if path:
             subprocess.run(["convert", "-size", "%dx%d" % (self.width, self.height), "-depth", "8", "rgb:-", path],
@@ -194,7 +201,7 @@ class Stage:
         return image
 
     def wait(self, check, seconds=60, what="what was asked for"):
-        """Waits until check() is true; its answer."""
+        """Wait until check() returns true. Return its result."""
         end = time.time() + seconds
         while True:
             self.check_alive()
@@ -206,7 +213,7 @@ class Stage:
             time.sleep(0.05)
 
     def wait_for(self, check, seconds=60, what="the picture"):
-        """Takes pictures until check(picture) is true; that picture."""
+        """Take pictures until check(picture) is true. Return this picture."""
         def look():
             self.last = self.picture()
             return check(self.last)
@@ -214,7 +221,7 @@ class Stage:
         return self.last
 
     def agrees(self, check, seconds=60):
-        """Takes pictures until one passes check(picture); what check raised of the last one, if none does."""
+        """Take pictures until check(picture) raises no error. Raise the last error after the time limit."""
         def passes(picture):
             try:
                 check(picture)
@@ -229,7 +236,7 @@ class Stage:
             raise self.disagreement
 
     def _file(self, service, path):
-        """rviz's services for configurations: rviz/SendFilePath, whose python may not be installed."""
+        """Call one of rviz's configuration services (rviz/SendFilePath, whose Python module may not be installed)."""
         import rosservice
         import rospy
         import std_msgs.msg
@@ -240,14 +247,14 @@ class Stage:
             raise RuntimeError("rviz refused " + path)
 
     def load(self, configuration):
-        """Another configuration in the same rviz."""
+        """Load another configuration into the same rviz."""
         path = os.path.join(self.folder, "next.rviz")
         with open(path, "w") as out:
             out.write(configuration % (self.width, self.height))
         self._file("/load_config_discarding_changes", path)
 
     def saved(self):
-        """The configuration as rviz has it now: what a view, a display, a tool is set to."""
+        """Return rviz's current configuration, with the settings of views, displays and tools."""
         import yaml
         path = os.path.join(self.folder, "saved.rviz")
         self._file("/save_config", path)
@@ -255,13 +262,13 @@ class Stage:
             return yaml.safe_load(text)["Visualization Manager"]
 
     def rows(self):
-        """What is in view of the panels' rows now, by path: middle of the value (x, y) on the screen, its text."""
+        """Return the visible rows of the panels by path: the centre of the value (x, y) on the screen, and its text."""
         with open(os.path.join(self.folder, "rows")) as text:
             lines = [line.rstrip("\n").split("\t") for line in text]
         return {path: ((int(x), int(y)), value) for path, x, y, value in lines}
 
     def still(self, seconds=60):
-        """A picture that stays: nothing more is drawn for a second."""
+        """Return a picture after the screen has not changed for a second."""
         seen = []
 
         def stays(picture):
@@ -272,7 +279,7 @@ class Stage:
         return self.wait_for(stays, seconds, "a picture that stays")
 
     def view(self, picture):
-        """The part without the bar that tells the frame rate."""
+        """Return the picture without the bar with the frame rate."""
         x, y, width, height = self.window()
         return picture[y:y + height, x:x + width]
 

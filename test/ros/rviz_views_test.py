@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A marked scan from every side, in two views at once, the main one and an rviz/Camera's: what each sees is what the ray caster sees."""
+"""Compare a marked scan with the ray caster, from every side and in two views at once: the main view and an
+rviz/Camera."""
 import os
 import sys
 import unittest
@@ -29,7 +30,7 @@ DISTANCE = 0.6  # distance of both cameras from the middle [m]
 
 
 def marked_scan():
-    """A ball with a cube on each side, each of a value of its own: labels[k, j, i]."""
+    """Return a ball with a cube on each side, each with a different value: labels[k, j, i]."""
     k, j, i = numpy.mgrid[0:EDGE, 0:EDGE, 0:EDGE] - (EDGE - 1) / 2
     labels = numpy.where(i * i + j * j + k * k < RADIUS ** 2, BALL, 0).astype(numpy.uint8)
     for side in range(6):
@@ -41,7 +42,7 @@ def marked_scan():
 
 
 def transfer():
-    """Opaque within each label's band of values, transparent in between."""
+    """Return a transfer function that is opaque within each label's band of values, and transparent in between."""
     points = []
     for value, (red, green, blue) in sorted(LOOKS.values()):
         for at, opacity in ((value - 8, 0), (value - 7, 0.15), (min(value + 7, 255), 0.15), (value + 8, 0)):
@@ -57,7 +58,8 @@ def matrix(rotation, translation):
 
 
 def cast(labels, voxels, body, camera, size, focal, centre):
-    """Labels that the ray caster sees. body, camera: where they are on the stage (4 x 4); the camera's axes are the optical ones."""
+    """Return the labels that the ray caster sees. body, camera: their poses on the stage (4 x 4), with optical axes
+    of the camera."""
     def volume_of(array):
         volume = library.Struct("pliant_volume")
         for name, value in (("geometry.size", array.shape[::-1]), ("geometry.spacing", [VOXEL] * 3), ("geometry.direction", numpy.eye(3)),
@@ -76,7 +78,7 @@ def cast(labels, voxels, body, camera, size, focal, centre):
 
 
 def told_apart(picture, background):
-    """The label of each pixel, by its hue."""
+    """Return the label of each pixel, by its hue."""
     colours = numpy.array([background] + [numpy.array(LOOKS[label][1]) * 255 for label in range(1, 8)])
     shown = picture.astype(float)
     return numpy.linalg.norm(shown[:, :, None] - colours, axis=3).argmin(axis=2)
@@ -88,7 +90,8 @@ def overlap(a, b):
 
 class Views(unittest.TestCase):
     def compare(self, picture, expected, background, voxel, where):
-        """voxel: its edge in the picture [pixels]. Colours of a rim that wide are mixtures: what lies within it is not compared."""
+        """voxel: edge length of a voxel in the picture [pixels]. A border of this width contains mixed colours, so
+        it is not compared."""
         seen = told_apart(picture, background)
         outlined = abs(picture.astype(int) - background).max(axis=2) > 40  # thin edges are faint
         self.assertGreater(overlap(outlined, expected > 0), 0.93, where + ": the outline")

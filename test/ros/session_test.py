@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""A bag says itself what it was made from: across recompute_homogenization, set_materials, load_scan, cuts and other gravity it is
-replayed, ten times as fast, and computed again, to the bit, from the bag and the scan alone."""
+"""A bag describes its sources across recompute_homogenization, set_materials, load_scan, cuts and changes of
+gravity. The test replays it at ten times the speed, and recomputes it bit for bit from the bag and the scan."""
 import bisect
 import os
 import re

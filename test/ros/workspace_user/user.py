@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes a message of Pliant and a step of a simulation."""
+"""Create a message of Pliant and compute a step of a simulation."""
 import pliant
 from pliant.msg import ToolInput
 
