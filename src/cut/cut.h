@@ -1,4 +1,4 @@
-/* What a blade severs: links between voxels, and the next body that follows from it. */
+/* Cuts: the links between voxels that a blade severs, and the next body. */
 #ifndef PLIANT_CUT_CUT_H
 #define PLIANT_CUT_CUT_H
 
@@ -9,42 +9,45 @@
 extern "C" {
 #endif
 
-/* Of a blade's edge: a strip of triangles between where the edge was and where it is. Deformed space, LPS [m]. */
+/* A sweep of a blade's edge: a strip of triangles between the previous and the current edge. Deformed space, LPS
+ * [m]. */
 typedef struct pliant_cut_sweep {
     int32_t count;
-    const double *from, *to;          /* (count x 3) the same points along the edge, before and now; `from` has moved with the tissue */
+    /* (count x 3) the same points of the edge, previous and current; `from` has moved with the tissue */
+    const double *from, *to;
     const uint8_t *material_of_voxel; /* Nullable; (voxels) for the report */
-    uint32_t blade, stroke;           /* sweeps of one stroke of one blade go on from where the last one ended; stroke 0: from nowhere */
+    uint32_t blade, stroke;           /* a sweep continues the last sweep of the same stroke; stroke 0: a new start */
 } pliant_cut_sweep;
 
-/* The next body, of which the sweep has severed what it passes through: every end of a link is where its fragment has moved it.
- *  What would be joined to nobody, a voxel or less than about 3 % of a tetrahedron, keeps its links to one side.
- *  Sweeps without an area, with numbers that are none, or through air sever nothing.
- *  @param body      with voxels; its fragments and what was severed before are in body->cuts. Or with a subdivision: edges that the sweep
- *                   passes through are cut, and its tetrahedra part at triangles of which it has crossed all corners; the report tells no links
- *  @param revision  as for pliant_body_next
- *  @param positions (body->fine.num_nodes x 3) [m]
- *  @param out       Nullable: then only the report is made (pieces: 0). *out NULL: nothing was severed
- *  @param report    Nullable
- *  Errors: MEMORY, ARGUMENT (a body without voxels), FORMAT. */
+/* Sever the links that a sweep passes through, and build the next body. The ends of a link move with their fragments. A voxel, or
+ * less than about 3 % of a tetrahedron, that would be joined to nothing keeps its links to one side. A sweep without area,
+ * with numbers that are not finite, or through air severs nothing.
+ *   @param body      with voxels: body->cuts contains its fragments and its severed links. Or with a subdivision: the
+ *                    sweep cuts edges, and tetrahedra separate at triangles whose three corners it has crossed. The
+ *                    report then contains no links
+ *   @param revision  as for pliant_body_next
+ *   @param positions (body->fine.num_nodes x 3) [m]
+ *   @param out       Nullable: compute only the report (pieces: 0). *out NULL: nothing was severed
+ *   @param report    Nullable
+ * Errors: MEMORY, ARGUMENT (a body without voxels), FORMAT. */
 PLIANT_INTERNAL pliant_status pliant_body_cut(const pliant_body *body, uint64_t revision, const double *positions, const pliant_cut_sweep *sweep,
                                          pliant_body **out, pliant_cut_report *report);
 
-/* The next body once more, of which just these links and bridges have been severed, as another one's pliant_cuts tells of each of its cuts:
- *  a recording makes the same bodies again, bit for bit, from the one at load on.
- *  @param severed (count) as in pliant_cuts, each for the first time
- *  Errors: MEMORY, ARGUMENT (a body without voxels, no such link or bridge, severed before), FORMAT. */
+/* Sever exactly these links and bridges, and build the next body. Repeating the log of another body's pliant_cuts from
+ * the body at load gives bitwise identical bodies.
+ *   @param severed (count) as in pliant_cuts, each for the first time
+ * Errors: MEMORY, ARGUMENT (a body without voxels, an unknown link or bridge, severed earlier), FORMAT. */
 PLIANT_INTERNAL pliant_status pliant_body_sever(const pliant_body *body, uint64_t revision, int32_t count, const uint32_t *severed, pliant_body **out);
 
-/* The material points under points of the deformed body: of tetrahedra that hold a point, the first whose own voxels are there, or
- *  that is in no fragments. One search for all.
- *  @param points      (count x 3)
- *  @param tet         (count) out: fine tetrahedron of this body; -1: no tissue there
- *  @param barycentric (count x 4) out */
+/* Find the material points at points of the deformed body. If several tetrahedra contain a point, take the first one
+ * that owns voxels there or has no fragments. All points share one search.
+ *   @param points      (count x 3)
+ *   @param tet         (count) out: fine tetrahedron of this body; -1: no tissue there
+ *   @param barycentric (count x 4) out */
 void pliant_body_locate_points(const pliant_body *body, const double *positions, int32_t count, const double *points,
                                           int32_t *tet, double *barycentric);
 
-/* The same for one. @return whether tissue is there */
+/* Find the material point at one point. Return whether tissue is there. */
 bool pliant_body_locate(const pliant_body *body, const double *positions, const double point[3], int32_t *tet, double barycentric[4]);
 
 #ifdef __cplusplus

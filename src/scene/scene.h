@@ -1,4 +1,4 @@
-/* Scenes: what the library needs beyond pliant/scene.h. */
+/* Internal functions of scenes, in addition to pliant/scene.h. */
 #ifndef PLIANT_SCENE_SCENE_H
 #define PLIANT_SCENE_SCENE_H
 
@@ -9,12 +9,14 @@
 extern "C" {
 #endif
 
-/* YAML with every option, of which pliant_scene_parse makes the same scene, bit for bit.
- *  @param out Nullable when room is 0; cut short where the room ends, with a 0 at its end. @return length of the whole text, as snprintf tells it */
+/* Write all options as YAML. pliant_scene_parse makes a bitwise identical scene from it.
+ *   @param out Nullable if room is 0; truncated to the capacity `room`, with a terminating 0
+ * Return the length of the whole text, like snprintf. */
 PLIANT_INTERNAL size_t pliant_scene_text(const pliant_scene *scene, size_t room, char *out);
 
-/* What the scene is made of: element/kind, or what auto becomes in this scene. A model's own scene (pliant_model_get_scene) has that.
- *  @param why Nullable, out: what made auto linear ("option: reason", static); NULL: nothing */
+/* Return the element kind of a scene: element/kind, or the resolved value of auto. The scene of a model
+ * (pliant_model_get_scene) has the resolved value.
+ *   @param why Nullable, out: why auto became linear ("option: reason", static); NULL: it did not */
 PLIANT_INTERNAL pliant_element_kind pliant_scene_element_kind(const pliant_scene *scene, const char **why);
 
 #ifdef __cplusplus

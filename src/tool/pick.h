@@ -1,4 +1,4 @@
-/* Picking: what the library needs beyond pliant/pick.h. */
+/* Internal functions of picking, in addition to pliant/pick.h. */
 #ifndef PLIANT_TOOL_PICK_H
 #define PLIANT_TOOL_PICK_H
 
@@ -8,21 +8,22 @@
 extern "C" {
 #endif
 
-/* Find the first point along the ray where the volume, interpolated trilinearly, is not below the threshold and where there
- *  is tissue. A ray that starts in tissue above the threshold hits right there, as it is drawn. With a threshold below all values
- *  that is the first tissue.
- *  Steps of half a voxel, then bisection to 1e-4 voxels; features thinner than a step may be missed.
- *  @param volume    the deformed volume (pliant_warp_volume), or the scan for a mesh at rest
- *  @param positions (mesh->num_nodes x 3) LPS [m]
- *  @param threshold value, slope and intercept applied
- *  Errors: ARGUMENT (a number of the ray or the threshold that is not finite, no direction). */
+/* Find the first point on a ray with tissue and with an interpolated value at or above the threshold. The interpolation
+ * is trilinear. A ray that starts in such tissue hits at its start, as in the picture. With a threshold below all
+ * values, the result is the first tissue. The search uses steps of half a voxel and then bisection to 1e-4 voxels, so
+ * it may miss smaller features.
+ *   @param volume    the deformed volume (pliant_warp_volume), or the scan for a mesh at rest
+ *   @param positions (mesh->num_nodes x 3) LPS [m]
+ *   @param threshold value, slope and intercept applied
+ * Errors: ARGUMENT (a number of the ray or the threshold is not finite, no direction). */
 pliant_status pliant_pick(const pliant_volume *volume, const pliant_mesh *mesh, const double *positions, const pliant_ray *ray,
                                      double threshold, pliant_picked *out);
 
-/* The same in what a warp has drawn last. Where a GPU has drawn it the ray is followed there, and no volume comes to the host:
- *  the result is the same, bit for bit. Should the GPU fail, the volume is fetched and the CPU picks, with a line in the log.
- *  @param positions (num_nodes x 3) LPS [m], those of the warp's last update
- *  Errors: as pliant_pick. */
+/* Pick in the last update of a warp. If a GPU has drawn it, the GPU follows the ray without a copy of the volume to the
+ * host. The result is bitwise identical. If the GPU fails, the CPU picks in the fetched volume, and a log line reports
+ * it.
+ *   @param positions (num_nodes x 3) LPS [m] of the warp's last update
+ * Errors: as pliant_pick. */
 pliant_status pliant_pick_warped(const pliant_warp *warp, const double *positions, const pliant_ray *ray, double threshold,
                                             pliant_picked *out);
 

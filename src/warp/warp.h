@@ -1,4 +1,4 @@
-/* The deformed volume: what the library needs beyond pliant/warp.h. */
+/* Internal functions of the deformed volume, in addition to pliant/warp.h. */
 #ifndef PLIANT_WARP_WARP_H
 #define PLIANT_WARP_WARP_H
 
@@ -9,17 +9,21 @@
 extern "C" {
 #endif
 
-/* From now on the inverse map is not that of tetrahedra but a smooth fit through the nodes ([C] 5.3): moving least squares of second order
- *  with a Gaussian kernel, every `step` voxels of the target and trilinear in between. Voxels whose rest position no tissue holds get the
- *  background, and so do those more than a voxel outside every tetrahedron. Every update redoes all; on the CPU until
- *  pliant_warp_backend says who does it. Within the kernel's reach of what is cut tetrahedra draw as without a fit, on the CPU. Errors (as it was before): ARGUMENT (step below 1), MEMORY. */
+/* Use a smooth fit through the nodes as the inverse map ([C] 5.3), instead of the tetrahedra's maps. The fit is a
+ * moving least-squares fit of second order with a Gaussian kernel. It is computed every `step` voxels of the target and
+ * interpolated trilinearly. Voxels become background if no tissue contains their rest position, or if they are more
+ * than a voxel outside of every tetrahedron. Every update recomputes the whole volume, on the CPU until
+ * pliant_warp_backend selects a backend. Within the kernel's reach of a cut, the CPU draws tetrahedra as without a fit.
+ * Errors (the warp is unchanged): ARGUMENT (step below 1), MEMORY. */
 PLIANT_INTERNAL pliant_status pliant_warp_fit(pliant_warp *warp, int32_t step);
 
-/* From now on every voxel has the value of the scan's nearest one in place of an interpolated one: for labels. On the CPU until
- *  pliant_warp_backend says who does the updates. Errors (as it was before): ARGUMENT (not UINT8, or a fit). */
+/* Give each voxel the value of the scan's nearest voxel instead of an interpolated value, for labels. The CPU does the
+ * updates until pliant_warp_backend selects a backend.
+ * Errors (the warp is unchanged): ARGUMENT (not UINT8, or a fit). */
 pliant_status pliant_warp_nearest(pliant_warp *warp);
 
-/* Seconds of the last update, by stage: cull (boxes, change detection, lists), rasterize; of a fit: the map, the voxels. */
+/* Return the times of the last update's stages [s]. cull: boxes, change detection and lists; rasterize: voxels. With a
+ * fit: the map, and the voxels. */
 PLIANT_INTERNAL void pliant_warp_seconds(const pliant_warp *warp, double *cull, double *rasterize);
 
 #ifdef __cplusplus
