@@ -19,9 +19,9 @@ typedef struct pliant_cut_sweep {
     uint32_t blade, stroke;           /* a sweep continues the last sweep of the same stroke; stroke 0: a new start */
 } pliant_cut_sweep;
 
-/* Sever the links that a sweep passes through, and build the next body. The ends of a link move with their fragments. A voxel, or
- * less than about 3 % of a tetrahedron, that would be joined to nothing keeps its links to one side. A sweep without area,
- * with numbers that are not finite, or through air severs nothing.
+/* Sever the links that a sweep passes through, and build the next body. The ends of a link move with their fragments.
+ * A voxel, or less than about 3 % of a tetrahedron, that would be joined to nothing keeps its links to one side. A
+ * sweep without area, with numbers that are not finite, or through air severs nothing.
  *   @param body      with voxels: body->cuts contains its fragments and its severed links. Or with a subdivision: the
  *                    sweep cuts edges, and tetrahedra separate at triangles whose three corners it has crossed. The
  *                    report then contains no links

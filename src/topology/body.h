@@ -210,7 +210,7 @@ pliant_status pliant_body_map_create(const pliant_body *from, const pliant_body 
 void pliant_body_map_free(pliant_body_map *map);
 
 /* Transfer vectors at the fine nodes to the body `to`.
- *   @param from, out (nodes x 3) of each body; they may be the same array if num_same is the number of all previous nodes
+ *   @param from, out (nodes x 3) of each body; the same array is allowed if num_same includes all previous nodes
  */
 void pliant_body_map_vectors(const pliant_body_map *map, const double *from, double *out);
 
