@@ -201,13 +201,14 @@ PLIANT_INTERNAL pliant_status pliant_moduli_fit(const pliant_report_input *input
  * measurement. Each table is a separate body. Cells are separated by tabs, semicolons or commas: the first of these in
  * the header counts. A comma within a cell is a decimal comma.
  *   - gravity_markers.csv, or any .csv whose header has a column beam_x: silicone beams of 30 x 30 x 100 mm,
- *     1070 kg/m^3, clamped and released under their own weight. Each recording is a state. Columns, in any order among others:
- *     recording (optional), marker, state (rest or end; others are skipped with a warning), beam_x, beam_y, beam_z [m].
+ *     1070 kg/m^3, clamped and released under their own weight. Each recording is a state. Columns, in any order
+ *     among others: recording (optional), marker, state (rest or end; others are skipped with a warning), beam_x,
+ *     beam_y, beam_z [m].
  *     The beam lies between x -0.1 (clamp) and 0, y and z 0 to 0.03, z up. Markers Base* are on the clamp. A marker
  *     without both states is skipped. Young's modulus is fitted to the first recording.
  *   - truthcube*.csv, or any .csv with a line that names strains: beads in a cube of 80 mm between plates across z
- *     (Kerdok et al. 2003, Medical Image Analysis 7). A line names the states above their first columns, 'no strain' and
- *     'N% strain' in any order. Lines of beads [mm] follow. A lost bead has empty cells, and each state needs 4 beads.
+ *     (Kerdok et al. 2003, Medical Image Analysis 7). A line names the states above their first columns, 'no strain'
+ *     and 'N% strain' in any order. Lines of beads [mm] follow. A lost bead has empty cells, and each state needs 4 beads.
  *     Displacements do not determine a modulus, so Poisson's ratio is fitted to the first state. A rigid motion of all
  *     beads is removed from every state, because the pose of the scanner is unknown.
  *   - scene.yaml, scan.* and markers.csv (pliant_markers_read), and for each load load_1.yaml, load_2.yaml, ...

@@ -30,9 +30,9 @@
  *
  * Any tool with poses may have a shape, which pushes tissue in contact. A pose may have a jaw angle (default 0):
  *
- *              shape: {name: large_needle_driver}       # contact.h lists the names; or parts [m]:
+ *            shape: {name: large_needle_driver}       # contact.h lists the names; or parts [m]:
  *            shape: {parts: [{kind: capsule, from: [0, 0, -0.1], to: [0, 0, 0], radius: 0.004}], offset: [0, 0, 0.01]}
- *              poses: [{time: 0, position: [x, y, z], jaw: 0.5}, ...]                  # [rad]
+ *            poses: [{time: 0, position: [x, y, z], jaw: 0.5}, ...]                  # [rad]
  *
  * The kind of a part is sphere (from: its centre), capsule (from, to: its axis) or box (from, to: corners). With moves:
  * jaw_plus or jaw_minus, a part rotates about the shape's joint: [x, y, z] and axis: [x, y, z]. With cuts: true, the
