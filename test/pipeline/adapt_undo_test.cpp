@@ -63,7 +63,7 @@ TEST(Adapt, CoarseElementsGiveWayToFineOnesBesideACut)
         }
         EXPECT_GT(between, 0);
         EXPECT_GT(kept, 0);
-        // A pull at the right part does not affect the left one. It moves the right part as far as on the fine mesh,
+        // A pull at the right part does not affect the left one. The right part moves like the part of the fine mesh,
         // within the accuracy of coarse elements.
         double moved[2] = {0, 0};
         for (Body *one : {body.get(), fine.get()}) {

@@ -115,8 +115,8 @@ TEST(Background, LiveNoStepWaits)
     }
 }
 
-// A factor installed under a spring includes the tool's response, equal to the one that the step would compute. The
-// step after the installation takes it from the background thread.
+// A factor installed under a spring includes the tool's response. It equals the response that the step would compute.
+// The step after the installation takes it from the background thread.
 TEST(Background, AFactorBringsTheResponsesOfSprings)
 {
     Body body(size, box, {{5000, 0.45, 1000, false}, {60000, 0.45, 1000, false}}, [](int i, int, int) { return i / 6 % 2; });
@@ -150,7 +150,7 @@ TEST(Background, AFactorBringsTheResponsesOfSprings)
     EXPECT_GT(brought, 2);
 }
 
-// If most steps are short, a live step is at most twice as long; the remaining work is done in the next step. Sudden
+// After a series of short steps, a live step is at most twice as long. The next step does the remaining work. Sudden
 // loads are excluded. A planned step ends when it has converged.
 TEST(Background, NoLiveStepIsFarLongerThanTheOthers)
 {

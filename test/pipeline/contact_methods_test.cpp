@@ -76,10 +76,10 @@ TEST(ContactMethods, LodIsRefusedByWord)
     EXPECT_NE(std::string(pliant_last_error()).find("lod interpolates within whole cubes"), std::string::npos) << pliant_last_error();
 }
 
-// A ball is pressed into a block and dragged along it. Each frame of a few evaluations is compared with the same frame
-// solved to convergence from the same state, at the node with the maximum error. told_test requires the estimate within
-// a factor of three in 95 % of frames. Here one of 192 frames is outside (3.7 times), and no estimate is below a third
-// of the error.
+// A ball is pressed into a block and dragged along it. Each frame has a few evaluations. The reference frame starts
+// from the same state and is solved to convergence. The error is the maximum over the nodes. told_test requires the
+// estimate within a factor of three in 95 % of frames. Here one of 192 frames is outside (3.7 times), and no estimate
+// is below a third of the error.
 TEST(ContactMethods, TheErrorThatIsToldWhileAToolPresses)
 {
     int frames = 0, within = 0, below = 0;

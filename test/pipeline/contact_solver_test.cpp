@@ -150,8 +150,8 @@ TEST(ContactSolver, SphereOnAHalfSpaceAsHertz)
 }
 
 // F = 2 E* a d (Sneddon, Int. J. Engng Sci. 3:47, 1965; Johnson, 3.36). The pressure is infinite at the edge, and a
-// mesh's force is too small in proportion to h / a. The effective radius is that of a circle with the area of the nodes
-// under the punch. A straight line through five meshes extrapolates to F.
+// mesh's force is too small in proportion to h / a. A circle with the effective radius has the area of the nodes under
+// the punch. A straight line through five meshes extrapolates to F.
 TEST(ContactSolver, FlatPunchOnAHalfSpaceAsSneddon)
 {
     const double radius = 0.0201, depth = 2e-4;

@@ -238,8 +238,8 @@ TEST(ContactTheory, WhatLiesOnAPlaneSlidesDownFromTanMuOn)
         }
 }
 
-// Same in explicit dynamics for a soft cube. It leans, but its centre moves according to the total friction; the
-// remaining oscillation is a thousandth of that.
+// Same in explicit dynamics for a soft cube. It leans, but its centre moves according to the total friction. The
+// remaining oscillation is a thousandth of this motion.
 TEST(ContactTheory, ASoftCubeSlidesDownFromTanMuOn)
 {
     const double friction = 0.4, edge = 0.04, g = 9.81, mass = 1000 * edge * edge * edge;

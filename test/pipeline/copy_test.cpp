@@ -63,7 +63,7 @@ void cut_at(const Body &body, pliant_data *data, double z)
     ASSERT_EQ(pliant_data_cut(body.model, data, 2, line, depth, nullptr), PLIANT_OK) << pliant_last_error();
 }
 
-// Pull and cut, with one falling piece and one that hangs at the tool.
+// Pull and cut: one piece falls, and the tool holds another piece.
 void begin(const Body &body, pliant_data *data)
 {
     int tool = -1;

@@ -82,7 +82,7 @@ struct Block : Body {
         const pliant_status status = build();
         return status == PLIANT_OK ? place() : status;
     }
-    // Place the tools above the block.
+    // Move the tools to their start above the block.
     pliant_status place()
     {
         add("ball", PLIANT_PART_SPHERE, 0.006, 0.042, 0.0212);

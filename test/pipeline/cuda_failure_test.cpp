@@ -231,8 +231,8 @@ TEST(CudaFailure, AmidContact)
     }
 }
 
-// Steps with several legs: after a failure of any call, the CPU continues the leg, and the rod pushes the sheet as it
-// does from the first call on.
+// Steps with several legs. After a failure of any call, the CPU continues the leg. The rod pushes the sheet as in a run
+// on the CPU from the first call on.
 TEST(CudaFailure, AmidLegsOfASweep)
 {
     NEEDS_GPU();

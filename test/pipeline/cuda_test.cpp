@@ -81,9 +81,9 @@ TEST(CudaRun, TheToleranceIsOfPositions)
     }
 }
 
-// Error estimates of this step and the previous one equal the CPU's, up to the single-precision preconditioner, and are
-// within a factor of three of the true errors. With springs, steps of two evaluations diverge after some time because
-// of rounding.
+// Error estimates of this step and the previous one equal the CPU's, up to the single-precision preconditioner. They
+// are within a factor of three of the true errors. With springs, rounding makes steps of two evaluations diverge after
+// some time.
 TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
 {
     NEEDS_GPU();
@@ -138,8 +138,7 @@ TEST(CudaRun, ErrorsMeetTheCpuAndTheTruth)
     EXPECT_GE(within_before, 0.9 * judged);
 }
 
-// The coarse model runs on the GPU, patches on the host with its fine nodes. The positions equal those of the CPU
-// alone.
+// The coarse model runs on the GPU, patches on the host with its fine nodes. The positions equal the CPU's positions.
 TEST(CudaRun, PatchesMeetTheCpu)
 {
     NEEDS_GPU();

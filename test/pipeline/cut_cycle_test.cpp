@@ -1,5 +1,5 @@
-// The V-cycle of a cut model, coarse or fine: it works on the fragments of every level, converges as fast as before the
-// cut, and does not change the solution.
+// The V-cycle of a cut model, coarse or fine. It works on the fragments of every level and converges as fast as before
+// the cut. It does not change the solution.
 #include "../blocks.h"
 #include "body.h"
 #include "base/dense.h"
@@ -153,8 +153,7 @@ TEST_P(EveryCycle, IsSymmetricAndPositiveAndSoAreItsClones)
     }
 }
 
-// In a simulation: the V-cycle from before the cut, and the one computed after it, give the same solution as a direct
-// factor.
+// In a simulation, the old V-cycle and the recomputed V-cycle after a cut give the same solution as a direct factor.
 TEST_P(EveryCycle, ServesAfterACutAndChangesNoAnswer)
 {
     Beam layered(GetParam(), PLIANT_MULTIGRID), direct(GetParam(), PLIANT_DIRECT);

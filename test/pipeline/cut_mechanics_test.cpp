@@ -275,7 +275,7 @@ void expect_as_before(pliant_element_kind kind, int ratio, std::initializer_list
         for (size_t b = 0; b < beams.size(); b++) {
             beams[b]->cut_to(deep, plane);
             EXPECT_LT(beams[b]->error_against(fine), 1.1 * before[b]) << "method " << methods.begin()[b] << ", kind " << kind << ", cut at " << plane << " to " << deep;
-            /* its elements are softer than the fine ones that replace them */
+            /* the fine elements that replace its elements are stiffer */
             if (methods.begin()[b] == PLIANT_SCHUR) continue;
             EXPECT_GE(beams[b]->work(), (1 - 1e-9) * work[b]) << "energy never rises by a cut: method " << methods.begin()[b];
             work[b] = beams[b]->work();

@@ -275,7 +275,7 @@ TEST(Save, RefusesOtherEndingsAndUnits)
     EXPECT_TRUE(folder.names().empty());
 }
 
-// Header sizes equal those of the mesh, and the appended arrays have the lengths in the header.
+// The header has the sizes of the mesh, and the appended arrays have the lengths in the header.
 TEST(Save, WritesWhatTheHeaderSays)
 {
     Beam beam(PLIANT_CUT_SEVER);

@@ -58,7 +58,7 @@ TEST(Grasp, AStrongGripPullsAWeakOneSlips)
     EXPECT_NEAR(weak.last_force, 0, 1e-6) << "it has slipped out";
 }
 
-// Same in explicit dynamics with a pull of 12 mm: strong jaws hold the tissue, it slips out of a weak grip, and no
+// Same in explicit dynamics with a pull of 12 mm. Strong jaws hold the tissue, and it slips out of a weak grip. No
 // element is inverted.
 TEST(Grasp, JawsGripInExplicitDynamics)
 {

@@ -223,7 +223,7 @@ TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
     for (size_t n = 0; n < mass.size(); n++) {
         sum += mass[n];
         whole += body.model->body->node_mass[n];
-        // trilinear functions are linear, too, so centres of mass equal those of the tetrahedra
+        // trilinear functions include linear ones, so hexahedra have the centres of mass of tetrahedra
         moment[0] += mass[n] * fine.rest[3 * n];
         moment[1] += body.model->body->node_mass[n] * fine.rest[3 * n];
     }
@@ -241,8 +241,8 @@ TEST_F(Block, WeighsAtItsCornersByTheShapeFunctions)
     }
 }
 
-// Eigenvalues of a free cube, fine or composed of eight: only the six rigid motions have zero stiffness, also for a
-// cube with one voxel of tissue.
+// Eigenvalues of a free cube, fine or composed of eight cubes: only the six rigid motions have zero stiffness. This is
+// also true for a cube with one voxel of tissue.
 TEST_F(Block, NoSpuriousZeroModes)
 {
     for (bool almost_empty : {false, true}) for (int ratio = 1; ratio <= 2; ratio++) {
@@ -355,8 +355,8 @@ TEST(OctreeHexahedra, PassThePatchTestAndTurn)
     EXPECT_LT(largest(body.elastic_force(affine(fine, r, shift))), 1e-6 * largest(force));
 }
 
-// Scalars of octree leaves are those of hexahedra, also for large leaves next to small ones: one value each, and the
-// mean at nodes.
+// Octree leaves have the scalars of hexahedra, also large leaves next to small ones: one value each, and the mean at
+// nodes.
 TEST(OctreeHexahedra, ScalarsAreOfLeaves)
 {
     for (pliant_solver_kind kind : {PLIANT_COROTATIONAL, PLIANT_TLED}) {
@@ -522,8 +522,8 @@ TEST(OctreeHexahedra, AreExplicitToo)
     EXPECT_GT(tip[1], 1.05 * tip[2]);
 }
 
-// With a ball a hundred times as stiff as the rest, its displacement is near that of a lattice with the size of its
-// smallest leaves, and nearer than an octree of tetrahedra.
+// A ball is a hundred times as stiff as the rest. The octree's displacement is near the displacement of a lattice with
+// its smallest cell size, and nearer than an octree of tetrahedra.
 TEST(OctreeHexahedra, GoWhereTheFineLatticeGoes)
 {
     double sum[3], most = 0;

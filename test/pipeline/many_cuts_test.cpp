@@ -1,5 +1,5 @@
-// Many cuts in one simulation: no memory leaks, unchanged data are shared, derived data equal recomputed ones, and the
-// rendered volume equals that of a new warp.
+// Many cuts in one simulation: no memory leaks, unchanged data are shared, and derived data equal recomputed data. The
+// rendered volume equals the volume of a new warp.
 #include "../cuts.h"
 #include "base/memory.h"
 #include "sim/api/data.h"
@@ -100,7 +100,7 @@ template <class T> void expect_same(const T *a, const T *b, size_t count, const 
     EXPECT_EQ(std::memcmp(a, b, count * sizeof *a), 0) << what;
 }
 
-// Compare incrementally updated lists with those of all nodes and elements.
+// Compare incrementally updated lists with lists of all nodes and elements.
 void expect_as_anew(const pliant_scene &scene, const pliant_data &data)
 {
     const pliant_discretization *anew = nullptr;
@@ -198,7 +198,7 @@ struct Held {
 };
 struct EveryHolder : testing::TestWithParam<Held> {
     Body body{size, box, {{4000, 0.4, 1000, false}}};
-    // Build the model only; the test counts what it allocates itself.
+    // Build the model only, because the test counts its own allocations.
     void build(int threads)
     {
         body.fix_plane(0, 0, 1e-6, 0, 0, 1);
@@ -226,7 +226,8 @@ struct EveryHolder : testing::TestWithParam<Held> {
     }
 };
 
-// The memory in the statistics equals the library's memory beyond the model, to the byte, whatever runs in parallel.
+// The memory in the statistics equals the library's memory beyond the model, to the byte, also with parallel background
+// work.
 TEST_P(EveryHolder, TellsItsOwnBytes)
 {
     build(2);

@@ -1,4 +1,4 @@
-// Local axes for a preconditioner: they represent the rotation of deformed tissue, so that a factor of the body at rest
+// Local axes for a preconditioner. They represent the rotation of deformed tissue, so a factor of the body at rest
 // solves a strongly bent bar.
 #include "body.h"
 
@@ -54,8 +54,8 @@ TEST(Turn, FindsTheRotationWhateverTheStretchBefore)
     pliant_nodal_rotations_free(rotations);
 }
 
-// Return the maximum error of the end of a bar that hangs from a wall under its weight, with a number of evaluations in
-// one step per frame.
+// A bar hangs from a wall under its weight, with one step per frame. Return the maximum error of its end for a number
+// of evaluations.
 double error_of_bending(bool turning, pliant_preconditioner_choice choice)
 {
     double worst = 0;

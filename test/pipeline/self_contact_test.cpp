@@ -71,7 +71,7 @@ TEST(SelfContact, ACutBarOpensUnderTension)
     const Column cut(1.0 / 3, 9.81, true);
     EXPECT_EQ(cut.data->statistics.contacts, 0);
     EXPECT_EQ(cut.pressure(), 0);
-    // the lower half sinks by rho g L^2 / 8 E, the upper one by a third of that
+    // the lower half sinks by rho g L^2 / 8 E, the upper half by a third of this value
     const double sinks = 1000 * 9.81 * 0.08 * 0.08 / (8 * 10e3);
     EXPECT_NEAR(cut.moved(0.04, false), -sinks, 0.05 * sinks);
     EXPECT_NEAR(cut.moved(0.04, true), -sinks / 3, 0.05 * sinks);
@@ -393,7 +393,7 @@ TEST(SelfContact, IsOffUnlessItIsAskedFor)
 }
 
 // Where tissue ends within sliding elements, the corners of its surface are points of other elements (outside.h). The
-// sides of a cut stay those of the fragments, and touch at rest.
+// sides of a cut stay the sides of the fragments, and touch at rest.
 TEST(SelfContact, LayersThatEndWithinElementsMeetAtRest)
 {
     const int size[3] = {16, 16, 16};

@@ -234,7 +234,7 @@ TEST(SelfDynamics, CollisionsOfAnyKindGainNothing)
     EXPECT_LT(thrown.gains, 0.01);
 }
 
-// Against an obstacle, the gain is limited to that of points that share nodes, each of which is corrected separately.
+// Against an obstacle, the limit of the gain comes from points that share nodes. Each point is corrected separately.
 TEST(SelfDynamics, WhatIsThrownAtABoxGainsLittle)
 {
     std::mt19937 random(5);

@@ -61,8 +61,8 @@ inline pliant_tool_shape shape_of(const pliant_part &part)
     return shape;
 }
 
-// Check the path of a step in increments of a quarter of the tool's thickness, because a fixed side of 4 mm may lie
-// between the poses of two steps.
+// Check the path of a step in increments of a quarter of the tool's thickness. A fixed side of 4 mm may lie between the
+// poses of two steps.
 inline bool comes_by_what_is_held(const Sheet &sheet, int tool, const Way &on, int step)
 {
     const int poses = static_cast<int>(std::ceil(on.stride() / (0.25 * pliant_part_depth(&on.part))));
@@ -191,8 +191,8 @@ private:
     int number = 0;
 };
 
-// Return whether the tool has tunneled or the result is invalid: it is in tissue, the surface reaches its axis, the
-// sheet has moved less than the tool's proxy, or it has moved too far.
+// Return whether the tool has tunneled or the result is invalid. These cases are: the tool is in tissue, the surface
+// reaches its axis, the sheet has moved less than the tool's proxy, or it has moved too far.
 inline bool is_through(const Swept &swept, const Way &on)
 {
     return swept.inside > 0 || swept.deepest > 0.9 * pliant_part_depth(&on.part) || swept.carried < 0.5 * (on.beyond - swept.proxy_error) || !(swept.carried < 0.1);

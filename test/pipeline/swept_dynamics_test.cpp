@@ -150,8 +150,8 @@ TEST(SweptDynamics, AToolInTheAirPaysNothing)
     EXPECT_GT(sheet.farthest(), 0.002);
 }
 
-// A frame has its number of sub-steps in any number of parts, and forces are the mean: the momentum of the pushed
-// tissue equals the tool's impulse.
+// A frame has its number of sub-steps in any number of parts. Forces are means: the momentum of the pushed tissue
+// equals the tool's impulse.
 TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
 {
     const int size[3] = {4, 4, 4};
@@ -191,7 +191,7 @@ TEST(SweptDynamics, ForcesAreTheChangeOfMomentum)
     EXPECT_LT(pushed, -0.3); // m/s
 }
 
-// Unreasonable input: tools that jump into tissue and out of it, spin, start inside, eight at once, and one that grasps
+// Unreasonable input of eight tools: seven tools jump into tissue and out of it, spin, or start inside. One tool grasps
 // and jumps. Positions stay finite, and a failed step is reported.
 TEST(SweptDynamics, HostileTools)
 {

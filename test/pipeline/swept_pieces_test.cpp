@@ -114,7 +114,7 @@ TEST(SweptPieces, UprightRodsPushAPieceAlongTheGround)
             }
 }
 
-// A tool on a path through the piece, and one that lifts the piece if it grasps it.
+// A tool on a path through the piece, and a tool that lifts the piece if it grasps it.
 struct GrippedPiece : Piece {
     Way on;
     int tool, grip;

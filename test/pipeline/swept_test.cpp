@@ -63,8 +63,8 @@ TEST(Swept, NothingIsSweptThroughACoarseSheetNorBesidePatchesAndPieces)
     }
 }
 
-// The first 28 at 2 m/s, the maximum speed for following tools, and through a sheet of hexahedra. Of more sweeps, some
-// tunnel: src/contact/NUMERICS.md.
+// The first 28 sweeps at 2 m/s, the maximum speed for following tools, and sweeps through a sheet of hexahedra. Later
+// sweeps include tunneling: src/contact/NUMERICS.md.
 TEST(Swept, TheFirstAreNotSweptThroughAtTwoMetresASecondNorThroughHexahedra)
 {
     Sweeps sweeps;
@@ -108,9 +108,9 @@ TEST(Swept, ThoseThatOnceWentThroughDoNot)
     }
 }
 
-// Regression cases of numbers 10,000 to 50,000. They require that inactive points give way to points on another side,
-// up to twelve solves per step, and division into parts when the result is inaccurate. On the CPU only: these solves
-// are sensitive, so a GPU ends in different states.
+// Regression cases of numbers 10,000 to 50,000. Inactive points must give way to points on another side, with up to
+// twelve solves per step. Inaccurate results need a division into parts. On the CPU only: these solves are sensitive,
+// so a GPU ends in different states.
 TEST(Swept, ThoseOfOtherNumbersThatOnceWentThroughDoNot)
 {
     Sweeps sweeps;
@@ -170,8 +170,8 @@ TEST(Swept, WhatAToolDoesThatJumpsIsOfNoConcernToOthers)
     }
 }
 
-// If memory is exhausted anywhere in a step with several parts, the step is completed, or the state before it is
-// restored, and the next one continues. Also next to patches and pieces.
+// If memory is exhausted anywhere in a step with several parts, the step is completed or the previous state is
+// restored. The next step continues. Also next to patches and pieces.
 TEST(Swept, AStepInPartsThatFailsIsUndone)
 {
     struct { Mode mode; int number, stride; } runs[] = {{Mode{}, 534, 8}, {coarse(Beside::Patch), 56, 24}, {cut(), 11, 24}};

@@ -199,8 +199,8 @@ TEST(Theory, FineNodesBesideWhatIsFixedMoveByTheirShapeFunctions)
     EXPECT_GT(seen, 20);
 }
 
-// The whole mass of the body hangs on the tools and supports: total gravity force is m g on free nodes plus what fixed
-// nodes take.
+// The tools and supports carry the whole mass of the body. The total gravity force is m g on free nodes plus the load
+// of fixed nodes.
 TEST(Theory, NodalMassesSumToTheBody)
 {
     const int size[3] = {20, 20, 20};

@@ -1,5 +1,5 @@
-// The error estimate of a step: within a factor of three of the true error in 95 % of frames, on bodies that were not
-// used for tuning. bench_told runs all of them; of the few frames here, one or two more may be outside.
+// The error estimate of a step is within a factor of three of the true error in 95 % of frames. The bodies were not
+// used for tuning. bench_told runs all frames. This test runs a few, so one or two more may be outside.
 #include "told.h"
 
 namespace {

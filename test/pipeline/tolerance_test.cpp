@@ -7,7 +7,7 @@
 namespace {
 
 // Soft tissue is pulled next to heavy tissue that sags, whose weight does nearly all of the work. With a tolerance of
-// 1e-3 in the norm of that work, the pull would have an error of 4.7e-3 to 8.8e-3. The estimate that ends a step is up
+// 1e-3 in the norm of this work, the pull would have an error of 4.7e-3 to 8.8e-3. The estimate that ends a step is up
 // to 3.7 times too small here.
 TEST(Tolerance, IsOfPositionsUnderWeight)
 {

@@ -286,7 +286,8 @@ TEST(Verification, CooksMembrane)
 // ---- pressure of a confined block
 
 // A block in a rigid box, pressed down on half or a quarter of its top. Compute the part of the pressure that
-// alternates between cubes, in a plane or in space: its root mean square relative to that of the pressure.
+// alternates between cubes, in a plane or in space. The result is its root mean square divided by the root mean square
+// of the pressure.
 struct Oscillation { double cubes, nodes; }; // of element pressures; of their means at the nodes, which are the output
 
 double alternating(const std::vector<double> &pressure, int along)
@@ -330,8 +331,8 @@ Oscillation oscillation(double poisson, int cells, bool quarter)
     return {alternating(pressure, cells), alternating(at_nodes, corners)};
 }
 
-// The remaining oscillation is caused by the edge of the pressed area: it decreases with the cube size, and equals that
-// of compressible tissue.
+// The edge of the pressed area causes the remaining oscillation. It decreases with the cube size, and equals the
+// oscillation of compressible tissue.
 TEST(Verification, PressureOfAConfinedBlockDoesNotOscillate)
 {
     for (bool quarter : {false, true}) {
@@ -551,9 +552,9 @@ double block_sway(int cells, double poisson, pliant_element_kind kind)
     return sum / 25;
 }
 
-// A soft block of 40 mm around a cube of 20 mm that is 100 times as stiff, clamped below, under half its weight
-// sideways: mean of its top at every 10 mm. With 8 / 12 elements per edge: 5.413 / 5.492 mm at nu 0.45, 5.149 / 5.257
-// mm at 0.49.
+// A soft block of 40 mm around a cube of 20 mm that is 100 times as stiff. The block is clamped below, under half its
+// weight sideways. Return the mean of its top at every 10 mm. With 8 / 12 elements per edge: 5.413 / 5.492 mm at nu
+// 0.45, 5.149 / 5.257 mm at 0.49.
 TEST(Verification, BlockWithAStiffCubeInside)
 {
     const double poisson[2] = {0.45, 0.49}, reference[2] = {5.492e-3, 5.257e-3};
