@@ -62,7 +62,7 @@ static pliant_status find_state(cut_work *work)
     return good ? PLIANT_OK : pliant_fail_memory("what a blade touches");
 }
 
-/* Append the links and bridges that this cut severs to those of earlier cuts. */
+/* Append the links and bridges that this cut severs to the log of earlier cuts. */
 static pliant_status write_down(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;

@@ -63,7 +63,8 @@ static int32_t most_lost(const dust *all, int32_t group)
     return most;
 }
 
-/* Restore the links between a component and the one to which it has lost the most. Return whether there were any. */
+/* Restore the links between a component and the component to which it has lost the most links. Return whether there
+ * were any. */
 static bool take_back(const dust *all, int32_t group)
 {
     cut_work *work = all->work;

@@ -301,7 +301,7 @@ static int32_t most_hung(const cut_work *work, int32_t f, bool on_chips, bool ho
 }
 
 /* Assign the chips of earlier cuts again. A chip stays with its previous fragment if they are still joined, even
- * through other chips, because the nodes of its own tetrahedron may be far away. */
+ * through other chips, because the nodes of its tetrahedron may be far away. */
 static void give_again(cut_work *work)
 {
     static const struct { bool chips, host; } passes[3] = {{false, true}, {false, false}, {true, false}};

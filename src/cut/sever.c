@@ -119,8 +119,8 @@ static const cut_triangle *parted(const severing *cut, const double a[3], const 
     return NULL;
 }
 
-/* Return the area contribution of a severed link at rest, |n_d| A_d, with the blade's unit normal n and the area A_d
- * of the face between two voxels. A staircase of such faces then has the area of the plane that it approximates
+/* Return the area contribution of a severed link at rest, |n_d| A_d. n is the blade's unit normal, and A_d the area of
+ * the face between two voxels. A staircase of such faces then has the area of the plane that it approximates
  * (Gauss). */
 static double area_of(const severing *cut, const voxel_map *map, const double normal[3], int axis)
 {
@@ -223,7 +223,7 @@ static pliant_status try_bridge(severing *cut, int32_t bridge)
 /* ---- candidates */
 
 /* Collect the triangles that overlap a box around a fragment, its tetrahedron enlarged by two voxels. Return false if
- * there is none. Otherwise the box becomes its intersection with the triangles' box. */
+ * no triangle does. Otherwise the box becomes its intersection with the triangles' box. */
 static bool find_near(severing *cut, double low[3], double high[3])
 {
     double from[3] = {INFINITY, INFINITY, INFINITY}, to[3] = {-INFINITY, -INFINITY, -INFINITY};

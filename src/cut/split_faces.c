@@ -130,7 +130,7 @@ static pliant_status sever(cut_splitting *work, face_list *list)
 
 /* Group the corners around a node.
  * part: groups connected by faces after the cut
- * whole: groups connected by faces before the cut; those that only an edge or the node connected before stay
+ * whole: groups connected by faces before the cut; groups that only an edge or the node connected before stay
  * connected */
 static int32_t find_parts(const cut_splitting *work, int32_t *part, int32_t *whole)
 {

@@ -17,8 +17,8 @@ PLIANT_INLINE bool pliant_in_front(const double normal[3], const double corner[3
 
 /* Return the direction in which the edge from p to q turns around the origin. The input is in single precision, so that
  * the products are exact in double precision. If the edge passes through the origin, the origin is shifted
- * infinitesimally along the first axis, and less along the second. Of the triangles that surround the origin, exactly
- * one then contains it, also at a shared edge or corner (Edelsbrunner and Muecke 1990, simulation of simplicity). */
+ * infinitesimally along the first axis, and less along the second. Exactly one of the triangles that surround the
+ * origin then contains it, also at a shared edge or corner (Edelsbrunner and Muecke 1990, simulation of simplicity). */
 PLIANT_INLINE bool pliant_turns_left(const float p[2], const float q[2])
 {
     const double turn = (double)p[0] * q[1] - (double)p[1] * q[0];

@@ -49,8 +49,8 @@ static pliant_status mark(cut_work *work, int32_t tet)
     return PLIANT_OK;
 }
 
-/* Chips are assigned again. Mark the tetrahedron that owns a chip if the one that received it is touched, and vice
- * versa. */
+/* Chips are assigned again. Mark the tetrahedron that owns a chip if the tetrahedron that received it is touched, and
+ * vice versa. */
 static pliant_status mark_chips(cut_work *work)
 {
     const pliant_cuts *cuts = work->cuts;

@@ -48,7 +48,7 @@ typedef struct choice_point {
     choice_candidate candidate;
     int32_t iterations;
     double error[NUM_MEASURES];       /* maximum over all frames */
-    choice_phase worst[NUM_MEASURES]; /* phase of that frame */
+    choice_phase worst[NUM_MEASURES]; /* phase of the frame with this error */
     double later[NUM_MEASURES];       /* maximum after patches are available and the tissue has settled */
     double seconds;                   /* median step, as measured */
     /* work per step; if none of these increases, the time does not either */
@@ -60,8 +60,8 @@ typedef struct choice_point {
 /* ---- choice_candidates.c */
 /* Return the ratio of the reference mesh: twice the scene's ratio if the mesh may vary and is not too large. */
 int32_t choice_reference_ratio(const pliant_scene *scene, double limit);
-/* List the candidates: the scene's own settings first, so that they are always measured, then its method on other
- * meshes, then other methods.
+/* List the candidates. The scene's own settings come first, so that they are always measured. Then its method on other
+ * meshes and other methods follow.
  * @param finest ratio of the reference
  * @return number of candidates */
 int choice_list_candidates(const pliant_scene *scene, int32_t finest, choice_candidate out[CHOICE_CANDIDATES]);
@@ -80,8 +80,8 @@ const char *choice_touch_name(const choice_candidate *candidate); /* "" except f
  * maximum over the cases. A converged case needs no larger budget.
  * @return number of points, at most CHOICE_BUDGETS */
 int choice_gather(const sweep_ground *ground, const choice_candidate *candidate, size_t first, choice_point out[CHOICE_BUDGETS]);
-/* Return the median step time of a point. It is the minimum of its own measurement and the measurements of points with
- * at least as much work. Less work cannot take longer, so a longer measurement was disturbed by other programs. */
+/* Return the median step time of a point. It is the minimum of the point's measurement and the measurements of points
+ * with at least as much work. Less work cannot take longer, so a longer measurement was disturbed by other programs. */
 double choice_seconds(const choice_point *points, int count, const choice_point *of);
 /* Return the error of the mesh `resolution` times as fine as the scene's coarse mesh: the minimum error of the fine
  * method, whose points have enough iterations. NAN: not measured. */

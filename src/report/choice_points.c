@@ -39,7 +39,7 @@ static bool is_before_patch(const pliant_results *table, size_t row)
     return strstr(cell(table, row, "variant"), SWEEP_BEFORE_PATCH) != NULL;
 }
 
-/* Find the last row of a case with this budget, or with a smaller one that converged; SIZE_MAX: none. */
+/* Find the last row of a case with this budget, or with a smaller budget that converged; SIZE_MAX: none. */
 static size_t find_row(const pliant_results *table, size_t first, const char *name, bool before_patch, int32_t iterations)
 {
     size_t found = SIZE_MAX;

@@ -1,8 +1,4 @@
-/* coronal, 0: sagittal (superior up). The slice uses the voxel axes nearest to the anatomical axes.
- *   @param size columns, rows
- *   @param spacing of columns and rows [m]
- *   @param out (rows x columns) values, slope and intercept applied; free with pliant_free
- * Errors: ARGUMENT, MEMORY. */
+/* Internal functions of the report library and its programs, in addition to pliant/report.h. */
 #ifndef PLIANT_REPORT_REPORT_H
 #define PLIANT_REPORT_REPORT_H
 
@@ -66,8 +62,12 @@ PLIANT_INTERNAL pliant_status pliant_error_voxels(const pliant_model *model, con
 PLIANT_INTERNAL pliant_status pliant_error_histogram(const pliant_volume *error, int32_t bins, double width, uint64_t *counts,
                                                 pliant_error *summary);
 
-/* Return the slice through a point in its viewing orientation. axis 2: axial (anterior up, patient's left on the
- * right), */
+/* Return the slice through a point in its viewing orientation. It uses the voxel axes nearest to the anatomical axes.
+ *   @param axis 2: axial (anterior up, patient's left on the right), 1: coronal, 0: sagittal (superior up)
+ *   @param size columns, rows
+ *   @param spacing of columns and rows [m]
+ *   @param out (rows x columns) values, slope and intercept applied; free with pliant_free
+ * Errors: ARGUMENT, MEMORY. */
 pliant_status pliant_volume_plane(const pliant_volume *volume, int axis, const double world[3], int32_t size[2],
                                              double spacing[2], float **out);
 
@@ -123,10 +123,10 @@ PLIANT_INTERNAL pliant_status pliant_report_merge(const char *from, const char *
 PLIANT_INTERNAL pliant_status pliant_left_out_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
                                              pliant_progress progress);
 
-/* Measure explicit dynamics of the scene during a pull and a release: bounds of its time step, steps per frame, times,
- * and its time integration error. The error comes from the same run with half the sub-step (Richardson: 4/3 of the
- * distance between the two runs, at the worst node and frame). Without damping, the energy drift is also measured. A
- * case that the library refuses becomes a row.
+/* Measure explicit dynamics of the scene during a pull and a release: bounds of its time step, steps per frame and
+ * times. It also measures the time integration error. The error comes from the same run with half the sub-step
+ * (Richardson: 4/3 of the distance between the two runs, at the worst node and frame). Without damping, the energy
+ * drift is also measured. A case that the library refuses becomes a row.
  * Errors: SCENE (another solver/kind), ARGUMENT (no point), CANCELLED, FILE, MEMORY. */
 PLIANT_INTERNAL pliant_status pliant_dynamics_run(const pliant_report_input *input, const pliant_sweep *sweep, pliant_report_tables *tables,
                                              pliant_progress progress);
@@ -208,8 +208,8 @@ PLIANT_INTERNAL pliant_status pliant_moduli_fit(const pliant_report_input *input
  *     without both states is skipped. Young's modulus is fitted to the first recording.
  *   - truthcube*.csv, or any .csv with a line that names strains: beads in a cube of 80 mm between plates across z
  *     (Kerdok et al. 2003, Medical Image Analysis 7). A line names the states above their first columns, 'no strain'
- *     and 'N% strain' in any order. Lines of beads [mm] follow. A lost bead has empty cells, and each state needs 4 beads.
- *     Displacements do not determine a modulus, so Poisson's ratio is fitted to the first state. A rigid motion of all
+ *     and 'N% strain' in any order. Lines of beads [mm] follow. A lost bead has empty cells, and each state needs
+ *     4 beads. Displacements do not determine a modulus, so Poisson's ratio is fitted to the first state. A rigid motion of all
  *     beads is removed from every state, because the pose of the scanner is unknown.
  *   - scene.yaml, scan.* and markers.csv (pliant_markers_read), and for each load load_1.yaml, load_2.yaml, ...
  *     (pliant_path_read), or none for the scene's own gravity. The moduli are fitted to the first load.

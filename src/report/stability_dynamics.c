@@ -209,7 +209,7 @@ pliant_status stability_dynamic_bone_surface(stability_context *context)
     return status;
 }
 
-/* Check that the deformed volume is that of a smooth map in every frame, and equals the scan at rest. */
+/* Check that the deformed volume comes from a smooth map in every frame, and equals the scan at rest. */
 static pliant_status show(stability_trial *trial, const void *argument)
 {
     const double most_wrong = 0.01;

@@ -19,7 +19,7 @@ enum { MOST_CASES = 3 * PLIANT_MAX_PULLS + 2 };
 typedef struct sweep_reference {
     bool there;
     report_run run;  /* its data are freed */
-    double *last;    /* (fine nodes x 3) final positions of its own mesh; only for the same resolution */
+    double *last;    /* (fine nodes x 3) final positions of the run's mesh; only for the same resolution */
     double largest;  /* maximum displacement over the frames [m] */
 } sweep_reference;
 

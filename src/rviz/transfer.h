@@ -47,7 +47,7 @@ void move_point(std::vector<ControlPoint> *points, size_t which, double at, doub
 int add_point(std::vector<ControlPoint> *points, double at);
 bool remove_point(std::vector<ControlPoint> *points, size_t which);
 
-// Premultiplied colours over the window, 16 bits per channel, for slices at a distance given in units of 1/256 of the
+// Premultiplied colours over the window, 16 bits per channel. The distance of slices is in units of 1/256 of the
 // diagonal (the unit of the control points' opacity). The shaders contain the same size.
 enum { TABLE_SIZE = 512 };
 using Table = std::array<uint16_t, TABLE_SIZE * 4>;

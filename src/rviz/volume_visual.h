@@ -68,8 +68,8 @@ public:
     void find_visible(const VolumeImage &image);
     void set_visible(bool visible);
 
-    // Create the geometry and shader parameters for this camera. Until the visual is hidden, they are also updated for
-    // the camera of each view when it is drawn, because slices for one camera are wrong for another.
+    // Create the geometry and shader parameters for this camera. Until the visual is hidden, they
+    // are also updated for the camera of each view when it is drawn. Slices for one camera are wrong for another.
     void draw(const Ogre::Camera *camera);
 
     // Find where a ray in the fixed frame meets the visible part [m], and the value there; false: nothing visible.

@@ -21,7 +21,7 @@ pliant_status pliant_blade_begin(pliant_data *data, int tool, double spacing, do
 bool pliant_blade_has_pose(const pliant_blade *blade);
 /* End the stroke; the blade stays. */
 void pliant_blade_end(pliant_tool *tool);
-/* End the stroke and clear the record of what it has cut. */
+/* End the stroke and clear the record of its cuts. */
 void pliant_blade_reset(pliant_tool *tool);
 /* Copy a blade to the next body at these positions, including the tissue that its points follow. Errors: MEMORY;
  * pliant_blade_end is needed then, too. */
@@ -46,7 +46,7 @@ void pliant_blade_middle(const pliant_edge *edge, const double *points, double o
 pliant_status pliant_blade_hold(const pliant_body *body, pliant_tool *tool);
 /* Remove this constraint and set the force to zero. */
 void pliant_blade_loosen(pliant_tool *tool);
-/* Compute the blade's force after the solve; at least the force of its own spring. */
+/* Compute the blade's force after the solve; it is at least the spring's force. */
 void pliant_blade_feel(pliant_tool *tool);
 
 #ifdef __cplusplus

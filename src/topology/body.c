@@ -12,7 +12,8 @@ struct pliant_body_holders {
     atomic_int count;
 };
 
-/* Clear the lattice tables before freeing a mesh. They never change, so later bodies share those of the first body. */
+/* Clear the lattice tables before freeing a mesh. They never change, so later bodies share the tables of the first
+ * body. */
 static void forget_tables(pliant_mesh *mesh)
 {
     mesh->tet_of_lattice = mesh->node_of_lattice = mesh->leaf_of_cell = mesh->leaf_start = NULL;

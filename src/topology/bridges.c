@@ -246,8 +246,8 @@ static void nearer(const bridges *work, int32_t tet, const double index[3], doub
     }
 }
 
-/* Add bridges where tetrahedra meet only at a node or an edge. They connect the voxels nearest to the node, those of
- * the first fan with those of every other fan. */
+/* Add bridges where tetrahedra meet only at a node or an edge. They connect the voxels nearest to the node: the
+ * voxels of the first fan with the voxels of every other fan. */
 static pliant_status bridge_hinges(bridges *work, const pliant_mesh *fine, int32_t *part)
 {
     const pliant_voxels *voxels = work->voxels;

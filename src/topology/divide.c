@@ -127,7 +127,7 @@ static bool differs(const pliant_body *body, const pliant_body *next, int32_t te
 }
 
 /* List the tetrahedra of the previous body that have other corners, another material or other voxels.
- * all: consider every tetrahedron; false: only those that the division lists */
+ * all: consider every tetrahedron; false: only the tetrahedra in the division's list */
 static pliant_status list_touched(const pliant_body *body, const pliant_division *division, bool all, pliant_body *next)
 {
     const int32_t tets = body->fine.num_tets, most = division->num_touched + (all ? tets : division->num_changed);

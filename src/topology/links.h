@@ -146,8 +146,8 @@ static inline int32_t pliant_voxel_in(const pliant_voxels *voxels, int32_t tet, 
 
 /* ---- cuts.c */
 
-/* Reserve capacity for the fragments of `more` voxels after those of `cuts` (Nullable). The pool of `cuts` is used if
- * next->voxel_fragment stays the same, otherwise a new one with capacity for `kept` further voxels.
+/* Reserve capacity for the fragments of `more` voxels after the fragments of `cuts` (Nullable). The pool of `cuts` is
+ * used if next->voxel_fragment stays the same, otherwise a new one with capacity for `kept` further voxels.
  * first: output; index of the reserved range */
 pliant_status pliant_cuts_room(const pliant_cuts *cuts, size_t kept, size_t more, pliant_cuts *next, int32_t *first);
 

@@ -59,7 +59,7 @@ pliant_status pliant_pieces_copy(const pliant_pieces *pieces, pliant_pieces **ou
     return PLIANT_OK;
 }
 
-/* Take the previous body's joints: those that the division leaves, or all. */
+/* Take the previous body's joints: the division's remaining joints, or all joints. */
 static pliant_status take_joints(search *work, const pliant_division *division)
 {
     const pliant_pieces *before = work->next->pieces;

@@ -2,10 +2,10 @@
  *
  * Tetrahedra of the initial mesh that consist of fragments ("hosts") are refined by edgewise subdivision into n^3
  * smaller tetrahedra (Edelsbrunner and Grayson, Edgewise subdivision of a simplex, Discrete Comput. Geom. 24:707,
- * 2000). Their faces match those of adjacent hosts. Every point of this lattice belongs to one fragment. A lattice edge
- * whose ends belong to two fragments is crossed; the surrounding voxels determine the position. The surface between two
- * fragments connects the crossings. The same rule applies within each small tetrahedron and on each face, for every
- * host, so the surface is closed. */
+ * 2000). Their faces match the faces of adjacent hosts. Every point of this lattice belongs to one fragment. A lattice
+ * edge whose ends belong to two fragments is crossed; the surrounding voxels determine the position. The surface
+ * between two fragments connects the crossings. The same rule applies within each small tetrahedron and on each face,
+ * for every host, so the surface is closed. */
 #ifndef PLIANT_BODY_SURFACE_H
 #define PLIANT_BODY_SURFACE_H
 

@@ -14,8 +14,8 @@ static const double around = 2.5;
 /* minimum distance of a crossing from an end, as a fraction of the edge */
 static const double least_share = 0.05;
 
-/* Voxels of a search: those of all tetrahedra that have `count` given initial nodes, or those of a host's fragments
- * that have given current nodes. */
+/* Voxels of a search: in all tetrahedra with `count` given initial nodes, or in a host's fragments with given current
+ * nodes. */
 typedef struct surface_question {
     int32_t host;              /* -1: any tetrahedron with the nodes */
     int count;

@@ -1,5 +1,4 @@
-/* Find the faces of subdivided tetrahedra that are faces of cuts: those that lie in no outer face of the initial
- * mesh. */
+/* Find the cut faces of subdivided tetrahedra: faces that lie in no outer face of the initial mesh. */
 #include "topology/parts.h"
 #include "topology/surface.h"
 

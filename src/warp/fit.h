@@ -12,9 +12,9 @@ extern "C" {
 
 typedef struct pliant_fit pliant_fit;
 
-/* Create a moving-least-squares fit ([C] 12). Around a point p of the target, the rest positions X of nearby nodes are
- * fitted by a second-order polynomial of their deformed positions x, with Gaussian weights of |x - p|. Its value at p
- * is the rest position of p. Any second-order polynomial map is reproduced exactly.
+/* Create a moving-least-squares fit ([C] 12). Around a point p of the target, a second-order polynomial of the deformed
+ * positions x fits the rest positions X of nearby nodes, with Gaussian weights of |x - p|. Its value at p is the rest
+ * position of p. Any second-order polynomial map is reproduced exactly.
  * @param rest (num_nodes x 3) continuous index in the scan; borrowed
  * @param step distance between fits along each axis in target voxels; trilinear interpolation in between
  * Errors: ARGUMENT, MEMORY. */

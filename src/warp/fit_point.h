@@ -52,7 +52,7 @@ typedef struct fit_view {
     const uint8_t *near;      /* (num_nodes) 1: within the kernel's reach of a cut */
 } fit_view;
 
-/* Return whether the fit determines what a tetrahedron covers.
+/* Return whether the fit determines the voxels of a tetrahedron.
  * only_wanted: at least for a part of it */
 PLIANT_INLINE bool fit_covers(const fit_view *fit, int32_t tet, bool only_wanted) { return !fit->zone || fit->zone[tet] < (only_wanted ? 4 : 1); }
 

@@ -25,7 +25,7 @@ typedef struct parts_work {
     part_maker *makers;
 } parts_work;
 
-/* Return whether an initial tetrahedron, or one that shares a node with it, is cut. */
+/* Return whether an initial tetrahedron is cut, or shares a node with a cut tetrahedron. */
 static bool is_near(const parts_work *all, int32_t tet)
 {
     const pliant_voxels *voxels = all->body->voxels;
@@ -79,7 +79,7 @@ static bool list_other(parts_work *all)
     return good;
 }
 
-/* List the cut tetrahedra and those that share an initial node with one. */
+/* List the cut tetrahedra and all tetrahedra that share an initial node with them. */
 static bool list_near(parts_work *all)
 {
     const pliant_voxels *voxels = all->body->voxels;

@@ -6,7 +6,7 @@
 
 /* subdivisions of a cell along each axis, to test whether a carrier has a part of it */
 enum { PIECES = 4 };
-/* boxes extend this far around their tetrahedra [voxels], at least as far as guests do */
+/* boxes extend this far around their tetrahedra [voxels], at least to the extent of guests */
 static const double around = 0.02;
 
 /* ---- positions */

@@ -161,7 +161,7 @@ PLIANT_INLINE bool render_brick(const render_scene *scene, const render_ray *ray
         const float end = ((float)(ray->step[d] > 0.0f ? (brick[d] + 1) * RENDER_BRICK : brick[d] * RENDER_BRICK) - ray->start[d]) / ray->step[d];
         beyond = end < beyond ? end : beyond;
     }
-    /* the last sample in the brick, or the one before */
+    /* the last sample in the brick, or the sample before it */
     const int32_t last = (int32_t)render_limit(beyond / ray->stride, 0.0f, 1e9f);
     *next = last > sample ? last : sample + 1;
     return false;

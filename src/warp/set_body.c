@@ -167,8 +167,8 @@ static int32_t list_fragments(const pliant_body *body, int32_t host, int32_t com
     return listed;
 }
 
-/* List the tetrahedra of both bodies that may be drawn differently: those that the next body lists and those with other
- * parts. If the body is not the next one, all are listed. NULL: out of memory. */
+/* List the tetrahedra of both bodies that may be drawn differently: the next body's list, and tetrahedra with
+ * other parts. If the body is not the next one, all are listed. NULL: out of memory. */
 static int32_t *list_doubtful(const pliant_warp *warp, const pliant_warp_next *next, int32_t *count)
 {
     const pliant_body_changes *changes = &next->body->changes;
