@@ -57,9 +57,9 @@ static bool is_of_stroke(const seam *all, uint32_t link)
 }
 
 /* Sever missed links around a voxel. This sweep has severed the voxel's link in direction `beyond`, and its link in the
- * opposite direction is intact. Consider an adjacent voxel perpendicular to the axis. An earlier sweep of the stroke
- * may have severed its link in the opposite direction. If its link in direction `beyond` is intact too, the two voxels
- * lie on opposite sides. The link between them is then severed. */
+ * opposite direction is intact. Consider an adjacent voxel perpendicular to the axis. The two voxels
+ * lie on opposite sides under two conditions: an earlier sweep of the stroke has severed its link in the opposite
+ * direction, and its link in direction `beyond` is intact. The link between the two voxels is then severed. */
 static pliant_status part_beside(const seam *all, int32_t voxel, const int32_t at[3], int axis, int beyond)
 {
     const pliant_voxels *voxels = all->work->voxels;

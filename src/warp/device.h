@@ -32,7 +32,7 @@ typedef struct pliant_warp_parts {
 /* Correspondence of elements (parts.h) between two bodies. */
 typedef struct pliant_warp_changes {
     int32_t before, now;         /* number of elements */
-    int32_t common;              /* number of tetrahedra in both bodies; they are unchanged except for the tetrahedra in `anew` */
+    int32_t common;              /* number of tetrahedra in both bodies; only those in `anew` have changed */
     int32_t num_anew, *anew;     /* tetrahedra to redraw, ascending */
     int32_t *from;               /* (now - common) previous element of each other element; -1: redraw */
     /* previous elements, ascending, that the new body does not have; their region is redrawn */
