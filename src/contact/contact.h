@@ -20,7 +20,12 @@ extern "C" {
 enum { PLIANT_CONTACT_NODES = 16 }; /* of a corner of a surface within cubes and three others, four each (outside.h) */
 
 /* What a point touches. */
-typedef enum pliant_obstacle { PLIANT_OBSTACLE_TOOL, PLIANT_OBSTACLE_GROUND, PLIANT_OBSTACLE_TISSUE } pliant_obstacle;
+typedef enum pliant_obstacle {
+    PLIANT_OBSTACLE_TOOL,
+    PLIANT_OBSTACLE_GROUND,
+    PLIANT_OBSTACLE_TISSUE,
+    PLIANT_OBSTACLE_ELEMENT /* none: an element keeps its least volume (contact/advance/volume.h) */
+} pliant_obstacle;
 
 typedef struct pliant_contact_point {
     /* INPUT, by who finds it */

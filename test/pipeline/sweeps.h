@@ -41,7 +41,7 @@ struct Way {
 struct Swept {
     double deepest, carried; // maximum penetration depth of surface points; maximum displacement of a node
     int inside;              // number of points on the tool's axis that lie in a tetrahedron
-    int turned;              // number of inverted elements
+    int turned;              // maximum number of inverted elements in a step
     double proxy_error;      // of the tool, at the end [m]
     int32_t evaluations, legs; // maximum over the steps
     bool meets_held;         // the path intersects a fixed side of the sheet, where tissue cannot yield
@@ -119,6 +119,7 @@ inline Swept sweep(const Way &on, Mode mode = {})
     const int tool = sheet.add("tool", shape_of(on.part), on.from[0], on.from[1], on.from[2]);
     bool meets_held = false;
     int32_t evaluations = 0, legs = 0;
+    int turned = 0;
     EXPECT_EQ(pliant_data_set_background(sheet.data, mode.background, 0), PLIANT_OK);
     for (int step = 0; step < on.steps() + 4; step++) {
         move(sheet, tool, on, step);
@@ -126,11 +127,12 @@ inline Swept sweep(const Way &on, Mode mode = {})
         EXPECT_GE(pliant_step(sheet.model, sheet.data), 0);
         evaluations = std::max(evaluations, sheet.data->statistics.iterations);
         legs = std::max(legs, sheet.data->statistics.legs);
+        turned = std::max(turned, sheet.turned());
         if (std::getenv("PLIANT_SWEEPS_STEPS"))
             std::printf("  step %d: %d evaluations, %d legs, advanced %g, %g mm behind, ended %d, %d contacts, %d turned\n", step, sheet.data->statistics.iterations, sheet.data->statistics.legs,
                         sheet.data->statistics.advanced, 1e3 * sheet.data->statistics.proxy_error, sheet.data->statistics.ended, sheet.data->statistics.contacts, sheet.turned());
     }
-    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), sheet.turned(), sheet.data->statistics.proxy_error, evaluations, legs, meets_held};
+    return {sheet.deepest_of_surface(tool), sheet.farthest(), sheet.middles_inside(tool), turned, sheet.data->statistics.proxy_error, evaluations, legs, meets_held};
 }
 
 inline int number_from(const char *name, int otherwise)

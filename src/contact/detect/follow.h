@@ -12,7 +12,8 @@ extern "C" {
 
 /* kinds of points: the top byte of their features */
 enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242, PLIANT_TISSUE_SLID = 243 /* sides of a cut that were not one */,
-       PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */, PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/rigid) */ };
+       PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */, PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/rigid) */,
+       PLIANT_ELEMENT_VOLUME = 246 /* an element that is small (contact/advance/volume.h) */ };
 
 /* Where the two sides of a point face each other: directions in the face that they have in common, and how far apart they are along its normal. */
 typedef struct pliant_facing {

@@ -1,6 +1,7 @@
 #include "fem/quasistatic/contact.h"
 
 #include "base/fail.h"
+#include "contact/advance/volume.h"
 #include "contact/solve/cones.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"
@@ -119,17 +120,22 @@ static pliant_status add_weight(pliant_touches *touches, int32_t unknown, const 
     return PLIANT_OK;
 }
 
-static pliant_status add_weights(pliant_solver *solver, const pliant_contact_point *point)
+static pliant_status add_weights(pliant_solver *solver, const pliant_contact_point *point, const double *fine_positions)
 {
     const pliant_system *system = solver->system;
     pliant_touches *touches = solver->touches;
     double *dense = solver->dense_weights;
     pliant_status status = PLIANT_OK;
     if (pliant_solves_fine(system)) {
+        double gradient[4][3];
+        const bool keeps_volume = point->kind == PLIANT_OBSTACLE_ELEMENT;
+        if (keeps_volume) pliant_volume_gradient(point, fine_positions, gradient);
         for (int32_t k = 0; k < point->count && status == PLIANT_OK; k++) {
-            const double w = point->weight[k], block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
+            const double w = point->weight[k], *n = point->normal;
+            double block[9] = {w, 0, 0, 0, w, 0, 0, 0, w};
+            for (int m = 0; m < 9 && keeps_volume; m++) block[m] += n[m / 3] * (gradient[k][m % 3] - w * n[m % 3]);
             const int32_t unknown = system->free_of_node[point->node[k]];
-            if (unknown >= 0 && w != 0) status = add_weight(touches, unknown, block);
+            if (unknown >= 0 && (w != 0 || keeps_volume)) status = add_weight(touches, unknown, block);
         }
         return status;
     }
@@ -215,7 +221,7 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
         const int32_t c = touches->count;
         touches->start[c] = touches->num_weights;
         touches->arm_start[c] = touches->num_arms;
-        status = add_weights(solver, points->point + p);
+        status = add_weights(solver, points->point + p, fine_positions);
         if (status == PLIANT_OK && pieces) status = pliant_touches_add_arms(touches, points->point + p, fine_positions);
         if (status != PLIANT_OK || (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c])) continue; /* nothing moves it */
         touches->start[c + 1] = touches->num_weights;
@@ -486,10 +492,11 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
     for (int32_t c = 0; touches && c < touches->count; c++) {
         pliant_contact_point *point = touches->points->point + touches->point[c];
         const double *frame = touches->frame + 9 * (size_t)c, *force = touches->taken.force + 3 * (size_t)c, *motion = touches->taken.motion + 3 * (size_t)c;
-        statistics->penetration = fmax(statistics->penetration, depth_of(touches, c, moved + 3 * (size_t)c));
+        const bool touches_something = point->kind != PLIANT_OBSTACLE_ELEMENT;
+        if (touches_something) statistics->penetration = fmax(statistics->penetration, depth_of(touches, c, moved + 3 * (size_t)c));
         from_frame(frame, force, point->force);
         point->begun = force[0] > 0;
-        statistics->contacts += point->begun;
+        statistics->contacts += point->begun && touches_something;
         for (int d = 0; d < 3; d++) point->anchor[d] += motion[1] * frame[3 + d] + motion[2] * frame[6 + d]; /* where it sticks, no motion is left */
     }
 }

@@ -20,9 +20,10 @@ static void place_of(const pliant_data *data, const pliant_contact_point *point,
     for (int d = 0; d < 3; d++) out[d] /= whole;
 }
 
-/* not of a body that an undone cut has taken back */
+/* not of a body that an undone cut has taken back, and no element that keeps its volume */
 static bool presses(const pliant_data *data, const pliant_contact_point *point)
 {
+    if (point->kind == PLIANT_OBSTACLE_ELEMENT) return false;
     for (int32_t k = 0; k < point->count; k++)
         if (point->node[k] >= data->body->fine.num_nodes) return false;
     return point->force[0] != 0 || point->force[1] != 0 || point->force[2] != 0;

@@ -2,11 +2,13 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "contact/advance/volume.h"
 #include "contact/detect/outside.h"
 #include "contact/detect/tissue.h"
 #include "contact/shapes/solid.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
+#include "fem/quasistatic/solver.h"
 #include "fem/rigid/falling.h"
 #include "base/memory.h"
 #include "sim/step/legs.h"
@@ -162,11 +164,11 @@ bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
     return true;
 }
 
-/* What touches goes on where it was in touch before; both are ascending. */
-static void carry(const pliant_data *data, const pliant_contacts *before, pliant_contacts *now)
+/* From `first` on, points go on with the forces and anchors of those before with the same feature. Both are ascending. */
+static void carry(const pliant_data *data, const pliant_contacts *before, int32_t first, pliant_contacts *now)
 {
     int32_t b = 0;
-    for (int32_t n = 0; n < now->count; n++) {
+    for (int32_t n = first; n < now->count; n++) {
         while (b < before->count && before->point[b].feature < now->point[n].feature) b++;
         if (b == before->count || before->point[b].feature != now->point[n].feature) continue;
         bool there = true; /* not of a body that an undone cut has taken back */
@@ -418,6 +420,8 @@ static pliant_status stay(const pliant_model *model, pliant_data *data, const pl
         *stays = (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]) <= most * most;
     }
     pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
+    while (*stays && search->made.count > 0 && search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
+        search->made.count--; /* elements' points are found in every leg */
     for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++) *stays = move_point(search, search->made.point + n);
     if (!*stays) search->made.count = 0;
     return status;
@@ -437,6 +441,29 @@ static void set_bodies(pliant_data *data)
     data->bodies = &legs->bodies;
 }
 
+/* Of tools, of what stands still, of tissue on tissue and of pieces on walls. Errors: MEMORY */
+static pliant_status find_points(const pliant_model *model, pliant_data *data, const pliant_body *body, const double *positions, double pieces_go)
+{
+    pliant_contact_search *search = data->contact_search;
+    pliant_status status = keep_found(model, data, body);
+    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes, search->num_parts, search->part, &search->made);
+    if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
+    if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
+    if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
+    return status;
+}
+
+const int32_t *pliant_contact_pieces(const pliant_data *data)
+{
+    return data->falling ? pliant_falling_touch_pieces(data->falling)->of_node : NULL;
+}
+
+bool pliant_contact_keeps_volumes(const pliant_data *data)
+{
+    const bool is_linear = data->model->scene.element.kind != PLIANT_HEXAHEDRA;
+    return data->solver && is_linear && pliant_solves_fine(data->solver->system) && pliant_patch_serves(data) == 0;
+}
+
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = begin(&model->contact, &data->contact_search);
@@ -452,18 +479,14 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK) status = keep_surface(search, body, positions);
     bool stays = false;
     if (status == PLIANT_OK) status = stay(model, data, body, &stays);
-    if (stays) {
-        pliant_contacts_exchange(&data->contacts, &search->made);
-        set_bodies(data);
-        return status;
-    }
-    if (status == PLIANT_OK) status = keep_found(model, data, body);
-    if (status == PLIANT_OK) status = pliant_contact_find(search->finder, body, positions, &data->contacts, data->legs->planes, search->num_parts, search->part, &search->made);
-    if (status == PLIANT_OK && touches_itself(model)) status = find_tissue(model, data, pieces_go, &search->made);
-    if (status == PLIANT_OK && body != data->body) pliant_outside_spread(&search->outside, &search->made);
-    if (status == PLIANT_OK && data->falling) status = pliant_falling_find_walls(data, &search->made);
+    if (status == PLIANT_OK && !stays) status = find_points(model, data, body, positions, pieces_go);
     if (status != PLIANT_OK) return status;
-    carry(data, &data->contacts, &search->made);
+    const int32_t first = stays ? search->made.count : 0;
+    const pliant_volume_rule volumes = pliant_volume_rule_default();
+    if (pliant_contact_keeps_volumes(data))
+        status = pliant_volume_find(&volumes, &data->body->fine, data->positions, pliant_contact_pieces(data), &search->made);
+    if (status != PLIANT_OK) return status;
+    carry(data, &data->contacts, first, &search->made);
     pliant_contacts_exchange(&data->contacts, &search->made);
     set_bodies(data);
     return PLIANT_OK;

@@ -22,6 +22,10 @@ void pliant_contact_follow_proxies(pliant_data *data);
 pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int tool, const pliant_tool_pose *pose, bool *is_free, bool *is_inside);
 /* Box around the surface, as the points were found last: whether a tool comes near it on its way. */
 bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
+/* (fine nodes) which rigid piece, or -1; NULL: there is none. */
+const int32_t *pliant_contact_pieces(const pliant_data *data);
+/* Whether elements keep their least volume (contact/advance/volume.h): linear tetrahedra whose own nodes the solver moves. */
+bool pliant_contact_keeps_volumes(const pliant_data *data);
 /* Nothing has touched yet. */
 void pliant_contact_forget(pliant_data *data);
 /* Of a simulation that goes on as another one, of the same body. Errors: MEMORY */

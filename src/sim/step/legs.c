@@ -2,6 +2,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "contact/advance/volume.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
@@ -306,12 +307,25 @@ static pliant_status go_partway(const pliant_model *model, pliant_data *data, do
     return status;
 }
 
+/* No element becomes smaller than its least volume: the nodes of such an element go less far. In a plain leg all nodes
+ * do, since the linear model that made it holds for small motions alone. */
+static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *share)
+{
+    if (!pliant_contact_keeps_volumes(data)) return PLIANT_OK;
+    if (!data->legs->blocked) return pliant_legs_keep_volumes(model, data);
+    const pliant_volume_rule rule = pliant_volume_rule_default();
+    *share = fmin(*share, pliant_volume_advance(&rule, &data->body->fine, data->legs->positions, data->positions,
+                                                pliant_contact_pieces(data)));
+    return PLIANT_OK;
+}
+
 /* The leg ends as far as it may: tissue and tools together. */
 static pliant_status go(const pliant_model *model, pliant_data *data, double *share)
 {
     pliant_advance_result found;
     *share = fmin(yield(model, data), data->solver && data->legs->blocked ? bound(data) : 1);
-    pliant_status status = pliant_contact_advance(model, data, 1, &found);
+    pliant_status status = keep_volumes(model, data, share);
+    if (status == PLIANT_OK) status = pliant_contact_advance(model, data, 1, &found);
     if (status == PLIANT_OK && is_dynamic(data)) status = hold_tools(model, data, &found);
     if (status < 0) return status;
     *share = fmin(*share, found.t);

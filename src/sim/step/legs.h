@@ -29,7 +29,8 @@ struct pliant_legs {
     bool blocked;                  /* the leg before could not go all of its way */
     bool planes;                   /* one of this step could not, or the last one of the step before: planes keep tissue out of cores */
     /* WHAT THE LEG BEGINS WITH; between that and where it was solved to lies where it ends */
-    int32_t room_nodes, room_solved;
+    int32_t room_nodes, room_solved, room_shares;
+    double *share;                 /* (nodes) fraction of its way that each node goes: elements keep their least volume */
     double *positions, *solved;    /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
     double force[PLIANT_MAX_TOOLS][3]; /* of what tools pull with [N] */
     pliant_contacts points;        /* with forces and anchors */
@@ -50,6 +51,8 @@ pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data);
 pliant_status pliant_legs_keep_points(pliant_data *data);
 /* Of all that the leg has moved, but for proxies. */
 pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *data, double share);
+/* Nodes go so far that no element inverts (contact/advance/volume.h). */
+pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
 /* Explicit dynamics: points of a part of the step, to those that are told of all of it; those. Errors: MEMORY */
 pliant_status pliant_legs_add_forces(pliant_data *data, double share);
 void pliant_legs_tell_forces(pliant_data *data);

@@ -1,6 +1,7 @@
 /* Where a leg begins, and how all that it moves goes a part of its way. */
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "contact/advance/volume.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"
@@ -59,6 +60,11 @@ static void mix(size_t count, const double *from, double share, double *to)
     for (size_t i = 0; i < count; i++) to[i] = from[i] + share * (to[i] - from[i]);
 }
 
+static double distance(const double *a, const double *b)
+{
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+}
+
 static void mix_points(const pliant_contacts *from, double share, pliant_contacts *to)
 {
     for (int32_t p = 0; p < to->count; p++) {
@@ -110,6 +116,36 @@ pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *dat
     const pliant_status status = pliant_backend_move(model, data);
     pliant_pull_report(data);
     return status;
+}
+
+pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data)
+{
+    pliant_legs *legs = data->legs;
+    pliant_solver *solver = data->solver;
+    const pliant_mesh *mesh = &data->body->fine;
+    const pliant_volume_rule rule = pliant_volume_rule_default();
+    const pliant_even even = solver->even;
+    if (mesh->num_nodes > legs->room_shares) {
+        double *share = pliant_resize(legs->share, (size_t)mesh->num_nodes, sizeof *share);
+        if (!share) return pliant_fail_memory("contacts");
+        legs->share = share;
+        legs->room_shares = mesh->num_nodes;
+    }
+    if (pliant_volume_hold_back(&rule, mesh, legs->positions, data->positions, pliant_contact_pieces(data), legs->share) == 0)
+        return PLIANT_OK;
+    if (data->backend->download) data->backend->download(data->model, data);
+    double farthest = 0;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) {
+        if (legs->share[n] == 1) continue;
+        farthest = fmax(farthest, (1 - legs->share[n]) * distance(legs->positions + 3 * (size_t)n, data->positions + 3 * (size_t)n));
+        mix(3, legs->positions + 3 * (size_t)n, legs->share[n], data->positions + 3 * (size_t)n);
+        mix(3, legs->solved + 3 * (size_t)n, legs->share[n], solver->now.x + 3 * (size_t)n);
+    }
+    (void)pliant_solver_touch(solver, NULL, NULL, NULL);
+    pliant_solver_moved(solver);
+    solver->even = even;
+    data->statistics.error += farthest; /* the solver's own estimate is of where it had led */
+    return pliant_backend_move(model, data);
 }
 
 /* ---- explicit dynamics: a step's own points, whose forces are means over it */
@@ -169,6 +205,7 @@ void pliant_legs_free(pliant_data *data)
     pliant_falling_kept_free(legs->falling);
     pliant_free(legs->positions);
     pliant_free(legs->solved);
+    pliant_free(legs->share);
     pliant_free(legs->points.point);
     pliant_free(legs->told.point);
     pliant_free(legs->merged.point);

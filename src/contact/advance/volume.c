@@ -1,0 +1,221 @@
+#include "contact/advance/volume.h"
+
+#include "base/threads.h"
+#include "contact/detect/find.h"
+#include "contact/detect/follow.h"
+
+#include <string.h>
+
+pliant_volume_rule pliant_volume_rule_default(void)
+{
+    return (pliant_volume_rule){.near = 0.3, .stop = 0.1, .keep = 0.1, .floor = 0.05};
+}
+
+static void subtract(const double *a, const double *b, double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = a[d] - b[d];
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int d = 0; d < 3; d++) out[d] = a[(d + 1) % 3] * b[(d + 2) % 3] - a[(d + 2) % 3] * b[(d + 1) % 3];
+}
+
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static double triple(const double a[3], const double b[3], const double c[3])
+{
+    double normal[3];
+    cross(a, b, normal);
+    return dot(normal, c);
+}
+
+static void find_edges(const int32_t tet[4], const double *positions, double out[3][3])
+{
+    for (int k = 0; k < 3; k++) subtract(positions + 3 * (size_t)tet[k + 1], positions + 3 * (size_t)tet[0], out[k]);
+}
+
+/* Six times the volume. */
+static double volume_of(const int32_t tet[4], const double *positions)
+{
+    double edge[3][3];
+    find_edges(tet, positions, edge);
+    return triple(edge[0], edge[1], edge[2]);
+}
+
+static bool is_of_piece(const int32_t tet[4], const int32_t *piece_of_node)
+{
+    for (int k = 0; piece_of_node && k < 4; k++)
+        if (piece_of_node[tet[k]] >= 0) return true;
+    return false;
+}
+
+/* ---- contact points */
+
+/* The contact point of the node with the smallest height over the face across from it. stop: six times the volume to keep */
+static void set_point(int32_t element, const int32_t tet[4], const double *positions, double stop,
+                      pliant_contact_point *out)
+{
+    static const int face[4][3] = {{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}};
+    double best[3] = {0, 0, 0}, largest = -1;
+    int top = 0;
+    for (int v = 0; v < 4; v++) {
+        double u[3], w[3], normal[3];
+        const double *origin = positions + 3 * (size_t)tet[face[v][0]];
+        subtract(positions + 3 * (size_t)tet[face[v][1]], origin, u);
+        subtract(positions + 3 * (size_t)tet[face[v][2]], origin, w);
+        cross(u, w, normal);
+        const double square = dot(normal, normal);
+        if (!(square > largest)) continue;
+        largest = square;
+        top = v;
+        memcpy(best, normal, sizeof best);
+    }
+    const double length = sqrt(largest); /* twice the area of the face */
+    const int *corner = face[top];
+    double u[3], w[3], to[3], part[3], share[2];
+    subtract(positions + 3 * (size_t)tet[corner[1]], positions + 3 * (size_t)tet[corner[0]], u);
+    subtract(positions + 3 * (size_t)tet[corner[2]], positions + 3 * (size_t)tet[corner[0]], w);
+    subtract(positions + 3 * (size_t)tet[top], positions + 3 * (size_t)tet[corner[0]], to);
+    cross(to, w, part);
+    share[0] = dot(best, part) / largest;
+    cross(u, to, part);
+    share[1] = dot(best, part) / largest;
+    *out = (pliant_contact_point){.kind = PLIANT_OBSTACLE_ELEMENT, .tool = -1, .part = -1, .count = 4};
+    out->feature = (uint64_t)PLIANT_ELEMENT_VOLUME << 56 | (uint64_t)(uint32_t)element << 2 | (uint64_t)top;
+    const double weight[4] = {1, share[0] + share[1] - 1, -share[0], -share[1]};
+    out->node[0] = tet[top];
+    for (int k = 0; k < 3; k++) out->node[k + 1] = tet[corner[k]];
+    memcpy(out->weight, weight, sizeof weight);
+    for (int d = 0; d < 3; d++) {
+        out->normal[d] = best[d] / length;
+        out->place[d] = out->normal[d] * stop / length;
+    }
+}
+
+void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3])
+{
+    double to[3], u[3], w[3];
+    const double *origin = positions + 3 * (size_t)point->node[1];
+    subtract(positions + 3 * (size_t)point->node[0], origin, to);
+    subtract(positions + 3 * (size_t)point->node[2], origin, u);
+    subtract(positions + 3 * (size_t)point->node[3], origin, w);
+    cross(u, w, out[0]);
+    cross(w, to, out[2]);
+    cross(to, u, out[3]);
+    const double length = sqrt(dot(out[0], out[0]));
+    for (int d = 0; d < 3; d++) {
+        out[0][d] /= length;
+        out[2][d] /= length;
+        out[3][d] /= length;
+        out[1][d] = -(out[0][d] + out[2][d] + out[3][d]);
+    }
+}
+
+pliant_status pliant_volume_find(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *positions,
+                                 const int32_t *piece_of_node, pliant_contacts *out)
+{
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *tet = mesh->tets + 4 * (size_t)t;
+        const double rest = volume_of(tet, mesh->rest);
+        if (volume_of(tet, positions) >= rule->near * rest || is_of_piece(tet, piece_of_node)) continue;
+        pliant_status status = pliant_contacts_reserve(out, out->count + 1);
+        if (status != PLIANT_OK) return status;
+        set_point(t, tet, positions, rule->stop * rest, out->point + out->count);
+        out->count++;
+    }
+    return PLIANT_OK;
+}
+
+/* ---- bound */
+
+/* Bernstein coefficients of the volume along a leg, which bound it from below and above. Farin, Curves and Surfaces for
+ * CAGD, 5th ed., 2002, ch. 5: they are values of the polar form. */
+static void find_coefficients(const int32_t tet[4], const double *from, const double *to, double out[4])
+{
+    double a[3][3], b[3][3];
+    find_edges(tet, from, a);
+    find_edges(tet, to, b);
+    out[0] = triple(a[0], a[1], a[2]);
+    out[1] = (triple(b[0], a[1], a[2]) + triple(a[0], b[1], a[2]) + triple(a[0], a[1], b[2])) / 3;
+    out[2] = (triple(b[0], b[1], a[2]) + triple(b[0], a[1], b[2]) + triple(a[0], b[1], b[2])) / 3;
+    out[3] = triple(b[0], b[1], b[2]);
+}
+
+enum { LEVELS = 20 };
+
+/* A fraction up to which a cubic stays above `limit`, by bisection from the left; exact to 2^-levels. */
+static double find_time(const double b[4], double limit, int levels)
+{
+    if (fmin(fmin(b[0], b[1]), fmin(b[2], b[3])) >= limit) return 1;
+    if (levels == 0) return 0;
+    /* de Casteljau's algorithm: both halves */
+    const double low = 0.5 * (b[0] + b[1]), middle = 0.5 * (b[1] + b[2]), high = 0.5 * (b[2] + b[3]);
+    const double left[4] = {b[0], low, 0.5 * (low + middle), 0.25 * (low + 2 * middle + high)};
+    const double right[4] = {left[3], 0.5 * (middle + high), high, b[3]};
+    const double time = find_time(left, limit, levels - 1);
+    return time < 1 ? 0.5 * time : 0.5 + 0.5 * find_time(right, limit, levels - 1);
+}
+
+static double limit_of(const pliant_volume_rule *rule, double rest, double from)
+{
+    return fmax(fmin(rule->keep * from, rule->stop * rest), fmin(rule->floor * rest, from));
+}
+
+double pliant_volume_advance(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
+                             const double *to, const int32_t *piece_of_node)
+{
+    double least = 1;
+    for (int32_t t = 0; t < mesh->num_tets; t++) {
+        const int32_t *tet = mesh->tets + 4 * (size_t)t;
+        double coefficient[4];
+        if (is_of_piece(tet, piece_of_node)) continue;
+        find_coefficients(tet, from, to, coefficient);
+        const double limit = limit_of(rule, volume_of(tet, mesh->rest), coefficient[0]);
+        if (coefficient[0] > 0) least = fmin(least, find_time(coefficient, limit, LEVELS));
+    }
+    return least;
+}
+
+/* Where the nodes of an element are after their shares of the leg. */
+static void place(const int32_t tet[4], const double *from, const double *to, const double *share, double out[4][3])
+{
+    for (int k = 0; k < 4; k++)
+        for (int d = 0; d < 3; d++) {
+            const size_t i = 3 * (size_t)tet[k] + (size_t)d;
+            out[k][d] = from[i] + share[tet[k]] * (to[i] - from[i]);
+        }
+}
+
+/* Shorten the ways of an element's nodes until it keeps its volume. @return whether it was too small */
+static bool hold_back(const pliant_volume_rule *rule, const int32_t tet[4], const double *rest, const double *from,
+                      const double *to, double *share)
+{
+    static const int32_t own[4] = {0, 1, 2, 3};
+    double begin[4][3], end[4][3], coefficient[4];
+    for (int k = 0; k < 4; k++) memcpy(begin[k], from + 3 * (size_t)tet[k], sizeof begin[k]);
+    place(tet, from, to, share, end);
+    find_coefficients(own, &begin[0][0], &end[0][0], coefficient);
+    if (!(coefficient[0] > 0)) return false; /* inverted already */
+    const double time = find_time(coefficient, limit_of(rule, volume_of(tet, rest), coefficient[0]), LEVELS);
+    for (int k = 0; k < 4; k++) share[tet[k]] *= time;
+    return time < 1;
+}
+
+int32_t pliant_volume_hold_back(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
+                                const double *to, const int32_t *piece_of_node, double *share)
+{
+    enum { MOST = 16 };
+    int32_t first = 0, count = 1;
+    for (int32_t n = 0; n < mesh->num_nodes; n++) share[n] = 1;
+    for (int pass = 0; pass < MOST && count > 0; pass++) {
+        count = 0;
+        for (int32_t t = 0; t < mesh->num_tets; t++) {
+            const int32_t *tet = mesh->tets + 4 * (size_t)t;
+            if (!is_of_piece(tet, piece_of_node)) count += hold_back(rule, tet, mesh->rest, from, to, share);
+        }
+        if (pass == 0) first = count;
+    }
+    for (int32_t n = 0; n < mesh->num_nodes && count > 0; n++) share[n] = 0;
+    return first;
+}
