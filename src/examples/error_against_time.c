@@ -1,4 +1,4 @@
-/* How many iterations per step are enough? Compare the result of a pull after 10 steps with a tightly converged one.
+/* How many iterations per step are enough? Compare the result of a pull after 10 steps with a converged result.
  * error_against_time */
 #include "example.h"
 

@@ -45,7 +45,7 @@ struct Sheet {
     }
 };
 
-// Place tools with their lowest core point at a height above the sheet.
+// Move the tools so that their lowest core points have a height above the sheet.
 void place(const Sheet &sheet, std::vector<pliant_advance_part> &parts, pliant_advance *room, double gap)
 {
     double low = -0.02, high = 0.1;

@@ -1,9 +1,9 @@
 // Cost of a cut on one thread: pliant_body_cut with a blade of 30 mm that moves by 1 mm. The body is the deformed
-// abdomen of the test data (256 x 160 x 122 voxels, 13,720 tetrahedra). Each stroke on the initial body, then
-// successive strokes on one body.
+// abdomen of the test data (256 x 160 x 122 voxels, 13,720 tetrahedra). First each stroke cuts the initial
+// body, then successive strokes cut one body.
 //
-// The mesh quality is reported after 1, 10 and 100 cuts: smallest edge, height and volume of a tetrahedron, and the
-// stable explicit step, relative to the initial mesh. With cut/kind=subdivide sweep=0.06, strokes pass through whole
+// The mesh quality is reported after 1, 10 and 100 cuts, relative to the initial mesh: smallest edge, height and volume
+// of a tetrahedron, and the stable explicit step. With cut/kind=subdivide sweep=0.06, strokes pass through whole
 // tetrahedra at once.
 //
 // Usage:

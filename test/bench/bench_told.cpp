@@ -1,5 +1,5 @@
-// Error estimate of a step relative to the true error, on the bodies and loads of ../pipeline/told.h: fraction of
-// frames within a factor of three.
+// Compare the error estimate of a step with the true error, on the bodies and loads of ../pipeline/told.h. The result
+// is the fraction of frames within a factor of three.
 //
 // Usage:
 //   bench_told [SCENE or all] [group/name=value ...]     with -v: each frame outside this factor

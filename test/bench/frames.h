@@ -1,5 +1,5 @@
-// Shared by benchmarks: a scene with its inputs, thirty frames of a pull or sixty of reversing gravity, and their
-// errors relative to tightly converged frames. Errors are over all nodes of the fine mesh, in % of the final maximum
+// Shared code of benchmarks: a scene with its inputs, and thirty frames of a pull or sixty frames of reversing gravity.
+// Their errors are relative to tightly converged frames. Errors are over all nodes of the fine mesh, in % of the final maximum
 // displacement.
 #ifndef PLIANT_BENCH_FRAMES_H
 #define PLIANT_BENCH_FRAMES_H
