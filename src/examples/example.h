@@ -15,7 +15,7 @@ typedef struct example {
     pliant_data *data;
 } example;
 
-/* wanted: NULL: the default scene */
+/* Build a model of the phantom with a scene (NULL: the default scene), and its simulation data. */
 static inline pliant_status example_begin(const pliant_scene *wanted, example *out)
 {
     pliant_scene scene;

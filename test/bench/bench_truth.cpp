@@ -1,5 +1,5 @@
-// Cost of accuracy for hexahedra and tetrahedra of several sizes. The results are the sag of the tests' beam relative to
-// the converged sag, and the CPU time to load and settle. The largest meshes take minutes.
+// Cost of accuracy for hexahedra and tetrahedra of several sizes. The results are the sag of the tests' beam relative
+// to the converged sag, and the CPU time to load and settle. The largest meshes take minutes.
 //
 // Usage:
 //   bench_truth [maximum cells across the beam, default 12]

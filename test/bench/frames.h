@@ -1,6 +1,6 @@
-// Shared code of benchmarks: a scene with its inputs, and thirty frames of a pull or sixty frames of reversing gravity.
-// Their errors are relative to tightly converged frames. Errors are over all nodes of the fine mesh, in % of the final maximum
-// displacement.
+// Shared code of benchmarks: a scene with its inputs, and thirty frames of a pull or sixty of reversing gravity. Their
+// errors are relative to tightly converged frames. Errors are over all nodes of the fine mesh, in % of the final
+// maximum displacement.
 #ifndef PLIANT_BENCH_FRAMES_H
 #define PLIANT_BENCH_FRAMES_H
 
