@@ -20,32 +20,32 @@
 enum { MOST_PARTS = PLIANT_MAX_TOOLS * PLIANT_MAX_PARTS + 2 * PLIANT_MAX_FIXED + PLIANT_MAX_PARTS };
 
 struct pliant_contact_search {
-    pliant_contact_settings settings; /* of the model */
+    pliant_contact_settings settings;
     pliant_finder *finder;
-    pliant_tissue tissue;      /* contact/self */
+    pliant_tissue tissue;      /* contact/self: tissue on tissue */
     pliant_outside outside;
-    pliant_contacts made;      /* room: those of the leg before, once this one has its own */
+    pliant_contacts made;      /* buffer: the points of the previous leg while this leg's points are in use */
     int32_t num_parts;
     pliant_moving_part part[MOST_PARTS];
     pliant_advance_part advance_part[MOST_PARTS];
     pliant_part obstacle[2 * PLIANT_MAX_FIXED];
-    pliant_advance *advance;   /* Nullable: room */
+    pliant_advance *advance;   /* Nullable buffer */
     int32_t room_surface;
-    double *surface;           /* (room_surface x 3) of the surface's nodes as the leg begins [m] */
-    double low[3], high[3];    /* around them [m] */
-    /* POINTS STAY the same while little moves: where all was as they were found */
+    double *surface;           /* (room_surface x 3) positions of the surface's nodes at the start of the leg [m] */
+    double low[3], high[3];    /* bounding box of the surface [m] */
+    /* REUSE OF POINTS: the configuration in which the points were found */
     bool found;
-    uint64_t found_revision;   /* of the body */
+    uint64_t found_revision;   /* of the topology */
     int32_t found_parts, found_nodes, room_found;
     uint64_t found_key[MOST_PARTS];
     pliant_tool_pose found_pose[PLIANT_MAX_TOOLS];
-    double *found_at;          /* (room_found x 3) of the surface's nodes [m] */
-    int32_t room_nodes;        /* contact/response: paper */
+    double *found_at;          /* (room_found x 3) positions of the surface's nodes [m] */
+    int32_t room_nodes;        /* for contact/response: paper */
     uint8_t *overlaps;         /* (room_nodes) */
     double *place;             /* (room_nodes x 3) */
 };
 
-/* ---- what a tool is told */
+/* ---- inputs of tools */
 
 static pliant_status find_tool(pliant_data *data, int index, pliant_tool **out)
 {
@@ -89,7 +89,7 @@ pliant_status pliant_tool_set_jaw(pliant_data *data, int index, double angle)
     return PLIANT_OK;
 }
 
-/* ---- parts as they move in this leg */
+/* ---- moving parts of this leg */
 
 static double seconds_of(const pliant_model *model, const pliant_data *data) { return model->scene.solver.step * data->share; }
 
@@ -97,7 +97,7 @@ static double recovered(const pliant_model *model, const pliant_data *data) { re
 
 static double stays(const pliant_model *model, const pliant_data *data) { return data->body->has_inertia ? exp(-seconds_of(model, data) / model->contact.recovery_time) : 0; }
 
-/* The core of a field of signed distances is larger by what that may be off by (contact/advance). */
+/* The core of a distance field is enlarged by the field's error (contact/advance). */
 static double off_of(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0; }
 
 static double guard_of(const pliant_model *model, const pliant_data *data, const pliant_part *part)
@@ -125,7 +125,6 @@ static void add_part(const pliant_model *model, const pliant_data *data, int t, 
         .part = part, .shape = &tool->shape, .from = *begin, .to = *goal, .guard = moving->guard, .released = true, .num_held = num_held, .held = tool->held};
 }
 
-/* What stands still. */
 static void add_obstacle(const pliant_model *model, const pliant_data *data, const pliant_part *part, int32_t index)
 {
     pliant_contact_search *search = data->contact_search;
@@ -164,14 +163,15 @@ bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data)
     return true;
 }
 
-/* From `first` on, points go on with the forces and anchors of those before with the same feature. Both are ascending. */
+/* Copy forces and anchors from the previous points with the same features to the points from `first` on. Both lists
+ * are sorted by feature. */
 static void carry(const pliant_data *data, const pliant_contacts *before, int32_t first, pliant_contacts *now)
 {
     int32_t b = 0;
     for (int32_t n = first; n < now->count; n++) {
         while (b < before->count && before->point[b].feature < now->point[n].feature) b++;
         if (b == before->count || before->point[b].feature != now->point[n].feature) continue;
-        bool there = true; /* not of a body that an undone cut has taken back */
+        bool there = true; /* an undone cut may have removed the node */
         for (int32_t k = 0; k < before->point[b].count; k++) there = there && before->point[b].node[k] < data->body->fine.num_nodes;
         if (there) pliant_contact_carry(before->point + b, data->positions, now->point + n);
     }
@@ -189,10 +189,12 @@ static pliant_status begin(const pliant_contact_settings *settings, pliant_conta
     return status;
 }
 
-/* Elements touch where their tissue ends. Those that cuts subdivide touch with their own faces, since a cut's faces are where it went. */
+/* Contact happens at the boundary of the tissue within the elements. When cuts subdivide elements, the elements'
+ * faces are that boundary. */
 static bool touches_within_elements(const pliant_model *model) { return model->scene.cut.kind != PLIANT_CUT_SUBDIVIDE; }
 
-/* contact/response: paper. Without a delay every node of the surface's tetrahedra has a point, and the sub-steps know which of them are slowed. */
+/* contact/response: paper. Without delay, every node of the surface's tetrahedra gets a point, and each sub-step
+ * determines which of them are slowed. */
 static pliant_status find_slowed(const pliant_model *model, pliant_data *data, pliant_contacts *out)
 {
     pliant_contact_search *search = data->contact_search;
@@ -215,7 +217,7 @@ static pliant_status find_slowed(const pliant_model *model, pliant_data *data, p
     return status;
 }
 
-/* pieces_go: how far in this step, of those that have come off [m] */
+/* pieces_go: largest motion of detached pieces in this step [m] */
 static pliant_status find_tissue(const pliant_model *model, pliant_data *data, double pieces_go, pliant_contacts *out)
 {
     pliant_tissue *tissue = &data->contact_search->tissue;
@@ -230,7 +232,8 @@ static pliant_status find_tissue(const pliant_model *model, pliant_data *data, d
     return pliant_tissue_find(tissue, outside ? outside->positions : data->positions, &rule, out);
 }
 
-/* *body, *positions: of the surface that is searched. Errors: MEMORY. */
+/* Choose the surface for collision detection. Errors: MEMORY.
+ * @param body, positions out: its topology and its positions */
 static pliant_status choose_surface(const pliant_model *model, pliant_data *data, const pliant_body **body, const double **positions)
 {
     pliant_outside *outside = &data->contact_search->outside;
@@ -247,7 +250,7 @@ static pliant_status choose_surface(const pliant_model *model, pliant_data *data
     return PLIANT_OK;
 }
 
-/* Where the surface is as the leg begins, and the box around it. Errors: MEMORY. */
+/* Save the surface at the start of the leg, and compute its bounding box. Errors: MEMORY. */
 static pliant_status keep_surface(pliant_contact_search *search, const pliant_body *body, const double *positions)
 {
     const int32_t nodes = body->fine.num_nodes;
@@ -271,7 +274,7 @@ static pliant_status keep_surface(pliant_contact_search *search, const pliant_bo
     return PLIANT_OK;
 }
 
-/* Of points that the tool would push */
+/* Return whether the gap of a point is closed. */
 static bool overlaps(const pliant_data *data, const pliant_contact_point *point)
 {
     double gap = 0;
@@ -308,7 +311,7 @@ void pliant_contact_gives(const pliant_data *data, int t, bool pressing, const d
     if (levers > 0) out[1] = sum / levers;
 }
 
-/* Of the points of this leg, where there are any, rather than of those of the leg before. */
+/* Replace the compliance from the previous leg's points by that from this leg's points, if there are any. */
 static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int t)
 {
     pliant_touch_piece *couple = data->legs->proxy + 2 * t;
@@ -320,9 +323,9 @@ static void soften_by_pieces(pliant_data *data, const pliant_leg_tool *leg, int 
         for (int c = 0; c < 3; c++) couple[1].answer[6 * (3 + r) + 3 + c] += (gives[1] - leg->gives[1]) * leg->axis[r] * leg->axis[c];
 }
 
-/* ---- points that stay */
+/* ---- reuse of points */
 
-/* of a part, and of how many nodes its tool holds, which have no points */
+/* Identify a part and the number of nodes that its tool holds, because held nodes have no contact points. */
 static uint64_t key_of(const pliant_moving_part *part)
 {
     return (uint64_t)part->num_held << 32 | (uint64_t)part->kind << 24 | (uint64_t)(part->tool + 1) << 16 | (uint64_t)part->index;
@@ -358,7 +361,7 @@ static pliant_status copy_found(const pliant_contact_search *from, pliant_contac
     return PLIANT_OK;
 }
 
-/* Remember where all is. Errors: MEMORY */
+/* Save the configuration in which the points are found. Errors: MEMORY. */
 static pliant_status keep_found(const pliant_model *model, pliant_data *data, const pliant_body *body)
 {
     pliant_contact_search *search = data->contact_search;
@@ -376,7 +379,8 @@ static pliant_status keep_found(const pliant_model *model, pliant_data *data, co
     return PLIANT_OK;
 }
 
-/* A point that is on its part's surface goes with it. false: it is deeper, and comes out little by little */
+/* Move a point that lies on its part's surface with the part. Return false if it lies deeper: recovery moves such
+ * points out gradually, so they are found again. */
 static bool move_point(const pliant_contact_search *search, pliant_contact_point *point)
 {
     const double exact = 1e-3; /* of the guard depth */
@@ -399,8 +403,9 @@ static bool move_point(const pliant_contact_search *search, pliant_contact_point
     return false;
 }
 
-/* Whether points that were found before serve this leg, too: since then nothing has gone, or shall go, further than settings.reuse_motion allows.
- * They are in search->made then. Errors: MEMORY */
+/* Reuse the points of the previous search if nothing has moved farther than settings.reuse_motion since then, and no
+ * tool is to. They are written to search->made. Errors: MEMORY.
+ * @param stays out: whether the points are reused */
 static pliant_status stay(const pliant_model *model, pliant_data *data, const pliant_body *body, bool *stays)
 {
     pliant_contact_search *search = data->contact_search;
@@ -421,13 +426,13 @@ static pliant_status stay(const pliant_model *model, pliant_data *data, const pl
     }
     pliant_status status = *stays ? pliant_contacts_copy(&data->contacts, &search->made) : PLIANT_OK;
     while (*stays && search->made.count > 0 && search->made.point[search->made.count - 1].kind == PLIANT_OBSTACLE_ELEMENT)
-        search->made.count--; /* elements' points are found in every leg */
+        search->made.count--; /* points of the volume bound are found again in every leg */
     for (int32_t n = 0; n < search->made.count && *stays && status == PLIANT_OK; n++) *stays = move_point(search, search->made.point + n);
     if (!*stays) search->made.count = 0;
     return status;
 }
 
-/* Pieces and proxies, of which points may be. */
+/* Publish the rigid pieces and proxies that the solver may need. */
 static void set_bodies(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
@@ -441,7 +446,7 @@ static void set_bodies(pliant_data *data)
     data->bodies = &legs->bodies;
 }
 
-/* Of tools, of what stands still, of tissue on tissue and of pieces on walls. Errors: MEMORY */
+/* Find the contact points with tools and obstacles, of tissue on tissue, and of pieces on walls. Errors: MEMORY. */
 static pliant_status find_points(const pliant_model *model, pliant_data *data, const pliant_body *body, const double *positions, double pieces_go)
 {
     pliant_contact_search *search = data->contact_search;
@@ -492,7 +497,7 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
-/* ---- how far a leg may go */
+/* ---- largest free fraction of a leg */
 
 static pliant_status find_room(pliant_contact_search *search) { return search->advance ? PLIANT_OK : pliant_advance_create(&search->settings, &search->advance); }
 
@@ -531,11 +536,11 @@ void pliant_contact_follow_proxies(pliant_data *data)
         double local[3];
         pliant_part_pose(&tool->shape, part->part->frame, proxy.tip, proxy.rotation, proxy.jaw, &now);
         pliant_pose_from(&part->end, point->place, local);
-        pliant_pose_to(&now, local, point->place); /* its normal stays that of the cone that its force is in */
+        pliant_pose_to(&now, local, point->place); /* the normal stays: the force lies in the cone around it */
     }
 }
 
-/* All of it, by the middle of its parts and the ends of capsules. */
+/* Return whether the whole tool is inside tissue. Tested are the centers of its parts and the ends of capsules. */
 static bool is_inside_at(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *at)
 {
     bool inside = true;

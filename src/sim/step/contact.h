@@ -1,4 +1,5 @@
-/* Contact in a leg: where tools and what stands still touch the tissue, and tissue itself; and how far the leg may go. */
+/* Contact in one leg: find the contact points of tissue with tools, obstacles and tissue, and find the largest
+ * fraction of the leg that is free of penetration. */
 #ifndef PLIANT_SIM_CONTACT_H
 #define PLIANT_SIM_CONTACT_H
 
@@ -10,29 +11,34 @@
 extern "C" {
 #endif
 
-/* Whether there is nothing that could touch anything. */
+/* Return whether the scene has nothing that could be in contact with the tissue. */
 bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data);
-/* Points of the leg that data->legs describes; what was in touch in the last one goes on. Errors: MEMORY (points stay as they are) */
+/* Find the contact points of the leg that data->legs describes. Points that persist keep their forces and anchors.
+ * Errors: MEMORY (the points stay unchanged). */
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data);
-/* How far the leg may go whose points were found last, and that has led the tissue to data->positions. @param share of proxies' ways. Errors: MEMORY */
+/* Find the largest free fraction of a leg: from the surface at its start to data->positions.
+ * @param share fraction of the proxies' motion that belongs to these positions
+ * Errors: MEMORY. */
 pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share, pliant_advance_result *out);
-/* Points of tools go with proxies from where they were to go in the leg to where they are. */
+/* Move the contact points of tools from the proxies' predicted poses to their poses after the leg. */
 void pliant_contact_follow_proxies(pliant_data *data);
-/* Of a tool in a pose: whether no surface is in its core, and whether it is inside of one. Errors: MEMORY */
+/* Check a tool at a pose: whether no surface is in its core, and whether the tool is inside tissue. Errors: MEMORY. */
 pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *data, int tool, const pliant_tool_pose *pose, bool *is_free, bool *is_inside);
-/* Box around the surface, as the points were found last: whether a tool comes near it on its way. */
+/* Return whether a tool's motion comes near the bounding box of the surface, as it was at the last search for
+ * contact points. */
 bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
-/* (fine nodes) which rigid piece, or -1; NULL: there is none. */
+/* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
-/* Whether elements keep their least volume (contact/advance/volume.h): linear tetrahedra whose own nodes the solver moves. */
+/* Return whether the volume bound applies (contact/advance/volume.h): to linear tetrahedra of the fine mesh that the
+ * solver moves without a patch. */
 bool pliant_contact_keeps_volumes(const pliant_data *data);
-/* Nothing has touched yet. */
+/* Discard all contact points. */
 void pliant_contact_forget(pliant_data *data);
-/* Of a simulation that goes on as another one, of the same body. Errors: MEMORY */
+/* Copy the contact state to another simulation of the same topology. Errors: MEMORY. */
 pliant_status pliant_contact_copy(const pliant_data *from, pliant_data *to);
 void pliant_contact_free(pliant_data *data);
 
-/* By feature. */
+/* Compare by feature, for sorting. */
 static inline int pliant_contact_compare(const void *a, const void *b)
 {
     const uint64_t x = ((const pliant_contact_point *)a)->feature, y = ((const pliant_contact_point *)b)->feature;
@@ -46,19 +52,24 @@ static inline void pliant_contacts_exchange(pliant_contacts *a, pliant_contacts 
 }
 
 /* ---- contact_way.c */
-/* The scene's obstacles, but for shapes. @return how many */
+/* Write the scene's boxes and planes as parts. Return their number. */
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
-/* Over parts of obstacles, and of tools that tissue is near, the most of how far one and the tissue near it go in this step, over its depth; every node goes on by its increment (nodes x 3) so
- * many times [m]. */
+/* Return the largest motion in the rest of this step divided by the depth of the part. The motion is that of the
+ * part plus that of the tissue near it. Parts of tools far from tissue do not count.
+ * @param increment (nodes x 3) motion of each node in one sub-step [m]
+ * @param times number of sub-steps */
 double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);
-/* Which pieces that have come off may meet a tool with a shape in this leg, once it is foreseen how far they go. */
+/* Mark the detached pieces that can meet a tool with a shape in this leg, by their predicted motion. */
 void pliant_contact_mark_pieces(pliant_data *data);
-/* ---- contact_access.c: of a tool's parts on the tissue in the last step, about where its proxy's tip was [N, N m] */
+/* ---- contact_access.c
+ * Compute the force and torque of a tool's parts on the tissue in the last step, about the tip of its proxy [N, N
+ * m]. */
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3]);
 
-/* What the coupling of a tool gives way for the tissue of pieces under it, which are rigid here: as of a cube of that volume, 1 / (E V^(1/3)) [m/N]; and its jaws at
- * the levers of those points [rad/(N m)]. 0: it touches none.
- * @param pressing of points that have pushed; otherwise of those that overlap */
+/* Compute the compliance that tissue of rigid pieces under a tool adds to its coupling. For translations it is that
+ * of a cube of the piece's volume V, 1 / (E V^(1/3)) [m/N]. For the jaws it follows from the levers of the points
+ * [rad/(N m)]. 0: the tool is on no piece.
+ * @param pressing use the points that have carried a force; otherwise the points that overlap */
 void pliant_contact_gives(const pliant_data *data, int tool, bool pressing, const double joint[3], const double axis[3], double out[2]);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* How far tools and tissue go in a step, and what stands still. */
+/* Distances that tools and tissue move in a step, and fixed obstacles. */
 #include "fem/rigid/falling.h"
 #include "sim/step/contact.h"
 #include "sim/step/legs.h"
@@ -8,7 +8,7 @@
 
 static double distance(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
-/* A tool with a shape comes so near to a point in the leg [m] */
+/* Return whether a tool with a shape comes nearer to a point than `near` during the leg [m]. */
 static bool comes_near(const pliant_tool *tool, const pliant_leg_tool *leg, const double point[3], double near)
 {
     bool any = false;
@@ -34,7 +34,7 @@ void pliant_contact_mark_pieces(pliant_data *data)
     }
 }
 
-/* ---- what stands still */
+/* ---- obstacles */
 
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED])
 {
@@ -55,9 +55,9 @@ int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * 
     return count;
 }
 
-/* ---- how far all goes, over how deep parts are */
+/* ---- motion relative to the depth of parts */
 
-/* How far no point of the tool is from its tip [m] */
+/* Return an upper bound of the distance between the tip and any point of the tool [m]. */
 static double reach_of(const pliant_tool *tool)
 {
     const double origin[3] = {0, 0, 0};
@@ -70,14 +70,17 @@ static double reach_of(const pliant_tool *tool)
     return reach;
 }
 
-/* No point of an element is further from all of its nodes, unless it is stretched to more than twice its size [m] */
+/* Return an upper bound of the distance from a point of an element to its nearest node [m]. It holds up to a stretch
+ * of 2. */
 static double reach_of_elements(const pliant_model *model, const pliant_mesh *mesh)
 {
     const double *cell = mesh->cell_size, largest = mesh->num_leaves > 0 ? ldexp(1, model->scene.mesh.depth) : 1;
     return largest * sqrt(cell[0] * cell[0] + cell[1] * cell[1] + cell[2] * cell[2]);
 }
 
-/* The farthest that a node goes that can come so near to the tip; -1: nothing of any element can [m]. elements: how far their points are from nodes */
+/* Return the largest motion of a node that can come within `near` of the tip [m], or -1 if no point of an element
+ * can.
+ * @param elements upper bound of the distance from a point of an element to its nearest node [m] */
 static double way_near(const pliant_data *data, const double *tip, double near, double elements, const double *increment, int32_t times)
 {
     double most = 0;

@@ -16,7 +16,7 @@
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
-/* ---- where the step begins: measured poses, and proxies of tools that have come or have jumped */
+/* ---- start of the step: target poses, and proxies of tools that are new or have jumped */
 
 static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
 {
@@ -26,8 +26,9 @@ static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
     return way > model->contact.max_tool_speed * model->scene.solver.step || way > model->scene.contact.max_proxy_error;
 }
 
-/* A tool that has just come is where it is measured. Inside tissue it touches nothing until it is out of there. One that has jumped is placed if no tissue is
- * there, and otherwise stays. */
+/* Place the proxy of a new tool at its target. If it is then inside tissue, it is released: it has no contact until
+ * it is outside again. If the target has jumped, place the proxy there only when no tissue is there; otherwise leave
+ * it where it is. */
 static pliant_status place_proxy(const pliant_model *model, pliant_data *data, int t)
 {
     pliant_tool *tool = data->tools + t;
@@ -46,7 +47,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     return PLIANT_OK;
 }
 
-/* Of a model or of a patch, whoever moves what the tool holds. */
+/* Return the grasp constraint of a tool: the one of its patch, or the one of the model. */
 static pliant_handle *handle_of(const pliant_data *data, int tool) { return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL; }
 
 static pliant_status begin_step(const pliant_model *model, pliant_data *data)
@@ -64,7 +65,7 @@ static pliant_status begin_step(const pliant_model *model, pliant_data *data)
     return PLIANT_OK;
 }
 
-/* Tools are as they were set again; those without a shape are where they are measured. */
+/* Restore the target poses. Tools without a shape have no coupling, so their proxy is at the target. */
 static void end_step(pliant_data *data)
 {
     pliant_statistics *statistics = &data->statistics;
@@ -83,7 +84,7 @@ static void end_step(pliant_data *data)
     data->share = 1;
 }
 
-/* ---- where a leg shall go */
+/* ---- goals of a leg */
 
 static void begin_leg(pliant_data *data)
 {
@@ -97,14 +98,15 @@ static void begin_leg(pliant_data *data)
     }
 }
 
-/* In a leg no tool near tissue goes further [m]. */
+/* Return the largest distance of a tool near tissue in one leg [m]. */
 static double most_of(const pliant_data *data)
 {
     const double *cell = data->body->fine.cell_size;
     return data->model->contact.leg_distance * fmax(fmax(cell[0], cell[1]), cell[2]);
 }
 
-/* Of the way to where it is measured, or so much of it that it goes that far at most: as much of it as its coupling is expected to take it along. */
+/* Return the fraction of the tool's remaining motion that keeps its distance in this leg below the maximum.
+ * @param expected use the distance that the coupling is predicted to allow, instead of the distance to the target */
 static double share_of(const pliant_model *model, pliant_data *data, int t, bool expected)
 {
     const pliant_tool *tool = data->tools + t;
@@ -122,7 +124,7 @@ static double share_of(const pliant_model *model, pliant_data *data, int t, bool
     return way > most && pliant_contact_comes_near(data, tool, &leg->begin, &leg->measured) ? most / way : 1;
 }
 
-/* All that is left, or as much of it as tools near tissue go that far in. */
+/* Return the fraction of the remaining motion for this leg: the smallest of all tools. */
 static double choose_share(const pliant_model *model, pliant_data *data)
 {
     double share = 1;
@@ -130,7 +132,8 @@ static double choose_share(const pliant_model *model, pliant_data *data)
     return share;
 }
 
-/* Sub-steps of explicit dynamics that may be made with one set of points. */
+/* Explicit dynamics: choose how many sub-steps may use one set of contact points. Return their fraction of the
+ * remaining ones. */
 static double choose_part(const pliant_model *model, pliant_data *data)
 {
     pliant_tled *tled = data->tled;
@@ -140,7 +143,8 @@ static double choose_part(const pliant_model *model, pliant_data *data)
     return (double)tled->part / left;
 }
 
-/* Explicit dynamics: a proxy that has stayed behind catches up no faster than tools are followed. */
+/* Explicit dynamics: limit the speed at which a delayed proxy catches up to the maximum tool speed. Return a
+ * fraction. */
 static double limit_speed(const pliant_model *model, const pliant_data *data, const pliant_tool *tool, const pliant_leg_tool *leg, double share)
 {
     const double most = model->contact.max_tool_speed * model->scene.solver.step * data->share;
@@ -148,7 +152,8 @@ static double limit_speed(const pliant_model *model, const pliant_data *data, co
     return way > most ? most / way : 1;
 }
 
-/* Proxies go on from where they are, tools act from where they are expected, and springs of tools that hold pull that far. */
+/* Set the goals of all proxies for this leg, place the tools at the predicted poses, and move the grasp targets
+ * along with the goals. */
 static void set_goals(const pliant_model *model, pliant_data *data, double share)
 {
     const bool dynamic = is_dynamic(data);
@@ -169,7 +174,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double share
 
 /* ---- a leg */
 
-/* contact/response paper without its delay looks for what overlaps in every sub-step */
+/* contact/response: paper without delay detects overlaps in every sub-step */
 static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
 
 static pliant_status solve(const pliant_model *model, pliant_data *data)
@@ -191,7 +196,7 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
     return status >= 0 && brings && data->backend->bring ? data->backend->bring(model, data) : status;
 }
 
-/* Patches and pieces that have come off, by the CPU, whoever runs the other stages. */
+/* Patches and detached pieces: the CPU computes them with every backend. */
 static pliant_status patch(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = PLIANT_OK;
@@ -222,20 +227,22 @@ static pliant_status lead(const pliant_model *model, pliant_data *data, pliant_s
     return PLIANT_OK;
 }
 
-/* By whichever backend; one that fails leaves the host's state as it was, from where the CPU goes. */
+/* A backend that fails leaves the host's state unchanged, so the CPU can repeat the stages. */
 static pliant_status lead_or_fall_back(const pliant_model *model, pliant_data *data, pliant_status *caveat)
 {
     const pliant_status status = lead(model, data, caveat);
     return status < 0 && pliant_backend_fall_back(model, data, status) ? lead(model, data, caveat) : status;
 }
 
-/* From here on only what is planned for this step of what is made in the background may come in: a step that waits for nothing tells what it took as a whole. */
+/* After the first leg, accept no further background results, except in mode PLANNED. A replay prescribes the results
+ * of a step as one set, so they must all be taken in its first leg. */
 static void take_no_more(pliant_data *data)
 {
     if (data->background.kind != PLIANT_BACKGROUND_PLANNED) data->background = (pliant_background){.kind = PLIANT_BACKGROUND_PRESCRIBED, .taken = data->background.taken};
 }
 
-/* Where couplings let proxies go, and how much of the leg may be gone until one of them pulls with all that it may. */
+/* Update the loads on all proxies. With TLED, return 1. Otherwise move the goals to where the couplings yield to the
+ * new loads, and return the fraction of the leg at which the first coupling reaches its force limit. */
 static double yield(const pliant_model *model, pliant_data *data)
 {
     double share = 1;
@@ -255,8 +262,9 @@ static double yield(const pliant_model *model, pliant_data *data)
 
 static bool is_of_piece(const pliant_data *data, int32_t node) { return data->falling && pliant_falling_home(data->falling, node); }
 
-/* How much of a leg may be gone until a node is twice as far from where it began as tools may go, where tissue touches something: what a plain step makes of tissue
- * that is far from rest may be far off (CONTACT: the step is scaled). */
+/* Return the fraction of the leg at which the farthest node has moved by twice the maximum distance of a tool. After
+ * a blocked leg the solver makes a linear step. Its result can be inaccurate for large motions, so the motion is
+ * scaled. */
 static double bound(const pliant_data *data)
 {
     const double most = 2 * most_of(data);
@@ -271,12 +279,13 @@ static double bound(const pliant_data *data)
     return farthest > most * most ? most / sqrt(farthest) : 1;
 }
 
-/* Explicit dynamics: what stops a leg is most often a tool that pushes tissue faster than that makes way. Then the tool stays behind, and the tissue keeps its
- * momentum. *out: of tissue and tools together, where tools alone are not enough */
+/* Explicit dynamics: a leg is mostly blocked by a tool that pushes tissue faster than the tissue can move away.
+ * Shorten the motion of the tools alone, so that the tissue keeps its momentum.
+ * @param out the fraction for tissue and tools together that remains necessary */
 static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pliant_advance_result *out)
 {
     enum { MOST = 3 };
-    const double short_of = 0.99; /* of what is possible: that is bounded from below */
+    const double short_of = 0.99; /* fraction of the possible motion, which is known as a lower bound */
     pliant_status status = PLIANT_OK;
     for (int again = 0; again < MOST && out->t < 1 && status == PLIANT_OK; again++) {
         const double share = again + 1 < MOST ? short_of * out->t : 0;
@@ -289,12 +298,12 @@ static pliant_status hold_tools(const pliant_model *model, pliant_data *data, pl
     return status;
 }
 
-/* Pieces turn on arcs, and a part of their way ends elsewhere than nodes on straight lines do. Where all is then is looked at once more: half as far, as often as
- * it takes, and then not at all. */
+/* Rigid pieces move on arcs, so at a fraction of the leg their nodes are not on the checked straight lines. Check
+ * the state that was reached. If it is not free, halve the fraction up to three times, and then use 0. */
 static pliant_status go_partway(const pliant_model *model, pliant_data *data, double *share)
 {
     enum { MOST = 4 };
-    const double nearly = 1 - 1e-6; /* what is left of a leg is less than the distance that all pairs keep */
+    const double nearly = 1 - 1e-6; /* the rest of the leg is shorter than the distance that all pairs keep */
     pliant_status status = pliant_legs_go_partway(model, data, *share);
     for (int again = 0; again < MOST && data->falling && *share > 0 && status >= 0; again++) {
         pliant_advance_result found;
@@ -307,8 +316,8 @@ static pliant_status go_partway(const pliant_model *model, pliant_data *data, do
     return status;
 }
 
-/* No element becomes smaller than its least volume: the nodes of such an element go less far. In a plain leg all nodes
- * do, since the linear model that made it holds for small motions alone. */
+/* Apply the volume bound: shorten the motion of the nodes of small elements. After a blocked leg, shorten the motion
+ * of all nodes alike, because the linear model that made it holds for small motions only. */
 static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, double *share)
 {
     if (!pliant_contact_keeps_volumes(data)) return PLIANT_OK;
@@ -319,7 +328,7 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
     return PLIANT_OK;
 }
 
-/* The leg ends as far as it may: tissue and tools together. */
+/* Move tissue and proxies to the largest permitted fraction of the leg. Then no surface is in a core. */
 static pliant_status go(const pliant_model *model, pliant_data *data, double *share)
 {
     pliant_advance_result found;
@@ -340,10 +349,11 @@ static pliant_status go(const pliant_model *model, pliant_data *data, double *sh
 
 /* ---- the step */
 
-/* What legs have left of it. */
-typedef struct leg_budget { int32_t evaluations, spent /* 1 or more in each leg */, iterations; double left, gone; int blocked; bool first; } leg_budget;
+/* What is left of the step for further legs. */
+typedef struct leg_budget { int32_t evaluations, spent /* at least 1 in each leg */, iterations; double left, gone; int blocked; bool first; } leg_budget;
 
-/* Beyond the first one, by the share of the way. What has stopped a leg has points now, which a plain step keeps as the linear model has them: it is not judged. */
+/* Return the number of evaluations for this leg, in addition to the first one. After a blocked leg return 0: one
+ * linear step, whose result is not checked, adds the plane constraints. */
 static int32_t choose_evaluations(const leg_budget *budget, double share)
 {
     return budget->gone < 1 ? 0 : (int32_t)fmax(1, round(share * (budget->evaluations - budget->spent)));
@@ -378,8 +388,9 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->blocked = gone < model->contact.min_progress ? budget->blocked + 1 : 0;
     statistics->legs++;
     statistics->advanced = gone;
-    *done = share == 1 && gone == 1 && !data->legs->blocked; /* after a plain step comes one that is judged */
-    if (is_dynamic(data)) { /* time passes, whatever is in the way */
+    /* a linear step is followed by a leg that checks its result */
+    *done = share == 1 && gone == 1 && !data->legs->blocked;
+    if (is_dynamic(data)) { /* time passes also in a blocked leg */
         budget->left = 1 - (double)data->tled->made / data->tled->substeps;
         *done = data->tled->made == 0;
         return pliant_legs_add_forces(data, data->share);
@@ -392,7 +403,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     return PLIANT_OK;
 }
 
-/* gone: by the last leg of the step before */
+/* Make all legs of a step. gone: fraction that the last leg of the previous step made */
 static pliant_status run_legs(const pliant_model *model, pliant_data *data, double gone, pliant_status *caveat)
 {
     leg_budget budget = {.evaluations = data->solver ? data->solver->rules.most_evaluations : 0, .left = 1, .gone = gone, .first = true};

@@ -1,5 +1,21 @@
-/* The solve stage. A step moves tissue and tools in legs: each finds points of contact, solves for where all goes, and goes there as far as no tissue enters the
- * core of a part (pliant_advance_find). One leg is enough where nothing is in the way. What a step does not get to is left to the next one. */
+/* The solve stage: one step of the simulation, made in legs.
+ *
+ * Each tool has two poses. The target pose is measured. The proxy pose is simulated, and contact happens at the
+ * proxy. A virtual coupling pulls the proxy towards the target (proxy.h). A leg is one straight motion of all nodes,
+ * together with all proxies. It has five parts:
+ * 1. Choose how far the proxies may go in this leg: about half an element near tissue (choose_share, set_goals).
+ * 2. Find contact points between the tissue and the parts of tools (pliant_contact_stage).
+ * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches (lead).
+ * 4. Compute the largest fraction of the leg at which no surface enters the core of a part (pliant_contact_advance).
+ *    The core is the region deeper than the guard depth below the part's surface. Tissue may enter the zone above
+ *    the core, but it cannot pass through the part.
+ * 5. Apply that fraction to the tissue and to the proxies (go). Afterwards no surface is in a core.
+ * If the fraction is below 1, the leg was blocked. The next leg adds plane constraints: separating planes that keep
+ * nearby triangles out of the cores. The volume bound limits the motion of nodes so that no element inverts
+ * (contact/advance/volume.h).
+ *
+ * The step ends when a leg completes the remaining motion. It also ends when its evaluations or its time are used
+ * up, or after several blocked legs. The next step then makes the rest of the motion. */
 #ifndef PLIANT_SIM_LEGS_H
 #define PLIANT_SIM_LEGS_H
 
@@ -12,48 +28,54 @@
 extern "C" {
 #endif
 
-/* A tool in a step. */
+/* One tool during a step. */
 typedef struct pliant_leg_tool {
-    pliant_tool_pose measured;     /* as it was set */
-    pliant_tool_pose begin, ahead, goal; /* of its proxy in the leg at hand: ahead is where it is expected to end, and goal first where it shall go, then where it was solved to */
-    double axis[3];                /* of its jaws, of length 1 */
-    double gives[2];               /* pliant_contact_gives of the leg before */
-    double target[3];              /* what it pulls tissue to, where it is measured [m] */
-    pliant_proxy_load before;      /* on its proxy as the leg begins */
+    pliant_tool_pose measured;     /* target pose */
+    /* proxy poses in this leg: at its start; predicted at its end; desired, and after the solve the solved one */
+    pliant_tool_pose begin, ahead, goal;
+    double axis[3];                /* unit axis of the jaws */
+    double gives[2];               /* pliant_contact_gives with the contact points of the previous leg */
+    double target[3];              /* grasp target at the target pose [m] */
+    pliant_proxy_load before;      /* load on the proxy at the start of the leg */
 } pliant_leg_tool;
 
 struct pliant_legs {
     pliant_leg_tool tool[PLIANT_MAX_TOOLS];
     pliant_touch_piece proxy[2 * PLIANT_MAX_TOOLS];
-    pliant_touch_pieces bodies;    /* pieces and proxies */
-    bool blocked;                  /* the leg before could not go all of its way */
-    bool planes;                   /* one of this step could not, or the last one of the step before: planes keep tissue out of cores */
-    /* WHAT THE LEG BEGINS WITH; between that and where it was solved to lies where it ends */
+    pliant_touch_pieces bodies;    /* rigid pieces and proxies */
+    bool blocked;                  /* the previous leg was blocked */
+    bool planes; /* a leg of this step, or the last leg of the previous one, was blocked: use plane constraints */
+    /* STATE AT THE START OF THE LEG: the leg ends between this state and the solved one */
     int32_t room_nodes, room_solved, room_shares;
-    double *share;                 /* (nodes) fraction of its way that each node goes: elements keep their least volume */
-    double *positions, *solved;    /* (nodes x 3), of the fine mesh and of the one that is solved [m] */
-    double force[PLIANT_MAX_TOOLS][3]; /* of what tools pull with [N] */
-    pliant_contacts points;        /* with forces and anchors */
+    double *share;                 /* (nodes) fraction of its motion that each node makes under the volume bound */
+    double *positions, *solved;    /* (nodes x 3) of the fine mesh and of the solved mesh [m] */
+    double force[PLIANT_MAX_TOOLS][3]; /* grasp forces [N] */
+    pliant_contacts points;        /* with their forces and anchors */
     pliant_falling_kept *falling;  /* Nullable */
-    /* EXPLICIT DYNAMICS: forces are means over the step */
+    /* EXPLICIT DYNAMICS: contact points of the step with their mean forces, and a buffer */
     pliant_contacts told, merged;
 };
 
-/* Contact, solve, upsample and patch. *caveat: of the last leg. Errors: as of the stages */
+/* Run the stages contact, solve, upsample and patch.
+ * @param caveat out: status of the last leg, such as PLIANT_NOT_CONVERGED
+ * Errors: those of the stages. */
 pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat);
 void pliant_legs_free(pliant_data *data);
-/* By stages, for tests: points of a leg in which tools go to where they are measured; and tools are there. Errors: MEMORY */
+/* Run single stages, for tests. find: find the contact points of a leg in which all proxies go to their targets.
+ * arrive: place the proxies there. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);
 void pliant_legs_arrive(pliant_data *data);
 
-/* ---- legs_keep.c: where a leg begins, and a part of its way. Errors: MEMORY; of a backend that cannot go on from there */
+/* ---- legs_keep.c: save the start of a leg, and apply a fraction of the leg.
+ * Errors: MEMORY; a backend that cannot continue from the new positions. */
 pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data);
 pliant_status pliant_legs_keep_points(pliant_data *data);
-/* Of all that the leg has moved, but for proxies. */
+/* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *data, double share);
-/* Nodes go so far that no element inverts (contact/advance/volume.h). */
+/* Shorten the motion of single nodes so that no element inverts (contact/advance/volume.h). */
 pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
-/* Explicit dynamics: points of a part of the step, to those that are told of all of it; those. Errors: MEMORY */
+/* Explicit dynamics. add: add the contact forces of a part of the step, times its fraction of the step, to the
+ * step's means. tell: publish these means. Errors: MEMORY. */
 pliant_status pliant_legs_add_forces(pliant_data *data, double share);
 void pliant_legs_tell_forces(pliant_data *data);
 

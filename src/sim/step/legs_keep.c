@@ -1,4 +1,4 @@
-/* Where a leg begins, and how all that it moves goes a part of its way. */
+/* Save the state at the start of a leg, and apply a fraction of the leg. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/volume.h"
@@ -22,7 +22,8 @@ static bool reserve(double **room, int32_t *has, int32_t nodes)
     return true;
 }
 
-/* The nodes that stand for pieces in a solver of the fine mesh: where it keeps them fixed, which is not where a download has found them. */
+/* A solver of the fine mesh keeps the nodes of rigid pieces fixed at their home positions. A download overwrites
+ * these positions, so they are set again. */
 static void fix_pieces(const pliant_data *data, double *solved)
 {
     const pliant_system *system = data->solver->system;
@@ -33,7 +34,7 @@ static void fix_pieces(const pliant_data *data, double *solved)
     }
 }
 
-/* Of a tool, at the patches or at the model. */
+/* Return the grasp constraint of a tool: the one of its patch, or the one of the model. */
 static pliant_handle *handle_of(const pliant_data *data, int tool) { return pliant_patch_solver(data, tool)->handles + tool; }
 
 pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data)
@@ -44,7 +45,7 @@ pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data)
     if (!reserve(&legs->positions, &legs->room_nodes, nodes) || (solver && !reserve(&legs->solved, &legs->room_solved, solver->system->mesh->num_nodes)))
         return pliant_fail_memory("contacts");
     memcpy(legs->positions, data->positions, 3 * (size_t)nodes * sizeof *data->positions);
-    if (!solver) return PLIANT_OK; /* explicit dynamics keeps its own (tled->kept_u) */
+    if (!solver) return PLIANT_OK; /* explicit dynamics saves its own state (tled->kept_u) */
     if (data->backend->download) data->backend->download(model, data);
     memcpy(legs->solved, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *legs->solved);
     fix_pieces(data, legs->solved);
@@ -74,7 +75,7 @@ static void mix_points(const pliant_contacts *from, double share, pliant_contact
     }
 }
 
-/* Motion that a leg does not make is lost: energy is taken, and none is given. */
+/* The increment is scaled with the motion. This removes kinetic energy and never adds any. */
 static void mix_dynamics(pliant_tled *tled, double share)
 {
     const size_t numbers = 3 * (size_t)tled->system->mesh->num_nodes;
@@ -144,11 +145,11 @@ pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *d
     (void)pliant_solver_touch(solver, NULL, NULL, NULL);
     pliant_solver_moved(solver);
     solver->even = even;
-    data->statistics.error += farthest; /* the solver's own estimate is of where it had led */
+    data->statistics.error += farthest; /* the solver's error estimate is for the positions before this correction */
     return pliant_backend_move(model, data);
 }
 
-/* ---- explicit dynamics: a step's own points, whose forces are means over it */
+/* Explicit dynamics: contact points of a part of the step, and mean forces over the step. */
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
@@ -173,7 +174,7 @@ pliant_status pliant_legs_add_forces(pliant_data *data, double share)
     return PLIANT_OK;
 }
 
-/* What has let go is where the tissue's point is: no depth is told of it. */
+/* A point that has lost contact is placed at its tissue point, so its reported depth is 0. */
 static void place_at_tissue(const pliant_data *data, pliant_contact_point *point)
 {
     for (int d = 0; d < 3; d++) {

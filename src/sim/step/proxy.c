@@ -89,7 +89,7 @@ void pliant_proxy_find_load(const pliant_data *data, int index, const pliant_too
     }
 }
 
-/* a after b */
+/* Quaternion product: rotate by b, then by a. */
 static void multiply(const double a[4], const double b[4], double out[4])
 {
     out[3] = a[3] * b[3] - dot(a, b);
@@ -115,7 +115,8 @@ pliant_tool_pose pliant_proxy_yield(const pliant_tool *tool, const pliant_tool_p
     return out;
 }
 
-/* Compliance of a coupling whose proxy is so far from its goal. Under a load near the limit it is as soft as keeps the load below that. */
+/* Return the compliance of a coupling for this distance between proxy and goal. Near the force limit the compliance
+ * increases, so that the load stays below the limit. */
 static double comply(const pliant_contact_settings *settings, double stiffness, double error, double load, double limit)
 {
     const double slope = 1 / settings->soft_width, softens = fmin(fmax(slope * load / limit - slope * settings->soft_begin, 0), 1);
@@ -130,7 +131,7 @@ static double reach_of(const pliant_tool *tool)
     return reach;
 }
 
-/* turn[3]: axis times angle [rad] from one rotation to another */
+/* Compute the rotation vector from one rotation to another [rad]. */
 static void turn_between(const double from[4], const double to[4], double turn[3])
 {
     const double back[4] = {-from[0], -from[1], -from[2], from[3]};
@@ -164,7 +165,7 @@ void pliant_proxy_couple(const pliant_model *model, const pliant_tool *tool, con
         for (int c = 0; c < 3; c++) out[1].answer[6 * (3 + r) + 3 + c] = jaw * axis[r] * axis[c];
 }
 
-/* fraction of a change from a to b that ends at a limit between them */
+/* Return the fraction of the change from a to b at which the limit is reached, or 1. */
 static double until(double a, double b, double limit) { return a < limit && b > limit ? (limit - a) / (b - a) : 1; }
 
 double pliant_proxy_limit(const pliant_model *model, pliant_tool *tool, const pliant_proxy_load *before, const pliant_proxy_load *after)

@@ -1,4 +1,4 @@
-/* The step, and what is set between two. */
+/* The step, and the inputs between two steps. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/patch/patch.h"
@@ -40,7 +40,7 @@ const char *pliant_step_end_text(int32_t end)
 
 static pliant_status reset(const pliant_model *model, pliant_data *data)
 {
-    /* of another topology the solver is made anew, and has nothing left to make */
+    /* the solver is rebuilt for another topology, and then needs no reset */
     pliant_status status = pliant_body_same(data->discretization->body, model->body) ? PLIANT_OK : pliant_data_set_body(model, data, model->body);
     if (status == PLIANT_OK) status = data->backend->kind->reset(data);
     if (status == PLIANT_OK) status = pliant_data_set_body(model, data, model->body);
@@ -76,7 +76,7 @@ static pliant_status set_warp(const pliant_model *model, pliant_data *data, cons
         if (status == PLIANT_OK && data->discretization->body->cuts) status = pliant_warp_set_body(warp, data->discretization->body);
         if (status == PLIANT_OK && model->scene.cut.kind != PLIANT_CUT_NONE) status = pliant_warp_expect_cuts(warp, data->discretization->body);
         if (status == PLIANT_OK && model->scene.warp.kind == PLIANT_FIT) status = pliant_warp_fit(warp, model->scene.warp.fit_step);
-        /* a step's stages hand over on the GPU */
+        /* the stages exchange data on the GPU */
         if (status == PLIANT_OK && !data->backend->on_host) status = pliant_warp_backend(warp, model->scene.solver.backend);
         if (status != PLIANT_OK) {
             pliant_warp_free(warp);
@@ -85,7 +85,8 @@ static pliant_status set_warp(const pliant_model *model, pliant_data *data, cons
     }
     pliant_warp_free(data->warp);
     data->warp = warp;
-    if (warp && pliant_warp_accelerated(warp)) pliant_rehearse_cut(model, data); /* steps are short enough there for it to be felt */
+    /* GPU steps are so short that the first cut would cause a visible delay */
+    if (warp && pliant_warp_accelerated(warp)) pliant_rehearse_cut(model, data);
     return PLIANT_OK;
 }
 
@@ -111,7 +112,8 @@ static pliant_status interact(const pliant_model *model, pliant_data *data)
     return data->backend->kind->interact(model, data);
 }
 
-/* All of it, and the deformed volume. Where the device fails while that is drawn and has left the host as it was, the CPU makes it all anew. */
+/* Run the solve stage and the warp. If the GPU fails in the warp and the host's state is unchanged, the CPU repeats
+ * both. */
 static pliant_status solve_and_draw(const pliant_model *model, pliant_data *data, pliant_status *caveat)
 {
     pliant_status status = pliant_legs_stage(model, data, caveat);
