@@ -1,4 +1,4 @@
-/* What a model and a data tell of themselves. */
+/* Queries of a model and a simulation. */
 #include "base/fail.h"
 #include "fem/element/scalar.h"
 #include "material/mixed.h"
@@ -55,7 +55,7 @@ static pliant_status check(const pliant_data *data, int tool)
                                                : pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, tool);
 }
 
-/* Of the last step; before the first one, and without a shape, a proxy is where the tool is measured. */
+/* Report the proxy of the last step. Before the first step, and without a shape, the proxy is at the target. */
 static void tell_proxy(const pliant_tool *from, pliant_tool_state *out)
 {
     const bool stepped = from->proxy.known && from->shape.num_parts > 0;

@@ -1,4 +1,4 @@
-/* What a step tells of contacts. */
+/* Queries of the contacts of a step. */
 #include "base/fail.h"
 #include "base/memory.h"
 #include "fem/element/scalar.h"
@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Where a point's force acts: on the side that it is of. */
+/* Compute the position at which a point's force acts, on the side with positive weights. */
 static void place_of(const pliant_data *data, const pliant_contact_point *point, double out[3])
 {
     double whole = 0;
@@ -20,7 +20,8 @@ static void place_of(const pliant_data *data, const pliant_contact_point *point,
     for (int d = 0; d < 3; d++) out[d] /= whole;
 }
 
-/* not of a body that an undone cut has taken back, and no element that keeps its volume */
+/* Return whether a point has a contact force. Points of the volume bound have none, and an undone cut may have
+ * removed a point's nodes. */
 static bool presses(const pliant_data *data, const pliant_contact_point *point)
 {
     if (point->kind == PLIANT_OBSTACLE_ELEMENT) return false;

@@ -1,4 +1,4 @@
-/* Simulations: what the library needs beyond pliant/data.h. */
+/* Internal functions of simulations, in addition to pliant/data.h. */
 #ifndef PLIANT_SIM_DATA_H
 #define PLIANT_SIM_DATA_H
 
@@ -15,15 +15,16 @@ PLIANT_INTERNAL const char *pliant_step_stage_name(int stage);
  *  the same scan and scene is another model. Errors: as of pliant_data_copy; after an error the simulation is as before. */
 PLIANT_INTERNAL pliant_status pliant_data_take(const pliant_model *model, pliant_data *data, pliant_data *from);
 
-/* From now on another body is true: the next one, or one from before. What is derived from a body is made for it first, and only
- *  then put to use: on an error everything goes on with the body before, bit for bit. Nodes keep their positions and velocities, copies
- *  begin with those of what they are copies of; tools keep hold. A body of the same topology changes no bits of what follows. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (not of this simulation's mesh). */
+/* Install another topology in a simulation: the next one after a cut, or an earlier one. All derived data are
+ * prepared first and installed together, so an error leaves the simulation unchanged. Nodes keep their positions
+ * and velocities, and copied nodes start with those of their originals. Grasps stay. An equal topology changes no
+ * results. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (another mesh). */
 pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body);
 
-/* Highest revision of its bodies so far: the next one takes one more. */
+/* Return the highest revision of the simulation's topologies; the next topology gets this number plus 1. */
 PLIANT_INTERNAL uint64_t pliant_data_get_last_revision(const pliant_data *data);
 
-/* What the factors of a simulation hold, which pliant_memory_in_use() does not know of [bytes]. */
+/* Return the size of the simulation's factors, which pliant_memory_in_use() does not include [bytes]. */
 PLIANT_INTERNAL size_t pliant_data_get_factor_bytes(const pliant_data *data);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* From paths to what a model is built of. */
+/* Read the inputs of a model from their paths. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "material/material.h"
@@ -19,7 +19,7 @@ static bool names_labels(const pliant_material_table *table)
     return false;
 }
 
-/* "phantom" or "phantom:256x160x122"; a resampling in the scene is a size of the phantom, which needs none */
+/* Make the scan "phantom" or "phantom:256x160x122". The scene's resampling sets the phantom's size directly. */
 static pliant_status make_phantom(const pliant_scene *scene, const char *path, pliant_volume *scan, pliant_labels *labels)
 {
     int32_t size[3];
@@ -68,7 +68,7 @@ static pliant_status resample(const pliant_scene *scene, pliant_volume *scan, pl
     return PLIANT_OK;
 }
 
-/* Labels that the table names have their material; all others go by intensity. */
+/* Labels that the table does not name are dropped, so their voxels are classified by intensity. */
 static void drop_unnamed(const pliant_material_table *table, pliant_labels *labels)
 {
     bool named[UINT16_MAX + 1] = {false};

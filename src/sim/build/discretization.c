@@ -62,8 +62,8 @@ void pliant_discretizing_end(pliant_discretizing *work)
     memset(work, 0, sizeof *work);
 }
 
-/* A homogenized element that holds fixed fine nodes holds its corners. What hangs on fewer than three nodes is held where
- * it is, as on the fine mesh. */
+/* Fix the corners of homogenized elements that contain fixed fine nodes. Pieces with fewer than three fixed nodes
+ * are fixed at rest, as on the fine mesh. */
 static pliant_status hold_homogenized(pliant_discretizing *work)
 {
     const pliant_mesh *coarse = &work->made->body->coarse;
@@ -101,7 +101,7 @@ static pliant_status homogenize_tets(pliant_discretizing *work)
     return pliant_homogenize(system, work->scene, &body->fine, body->fine_fixed, body->fine_material, body->coarse_of_fine, work->progress);
 }
 
-/* hexahedra on the leaves of an octree; nodes in the middle of larger ones follow */
+/* Hexahedra on the leaves of an octree; hanging nodes in the middle of larger leaves depend on the corners. */
 static pliant_status homogenize_octree(pliant_discretizing *work)
 {
     const pliant_body *body = work->made->body;
@@ -112,7 +112,7 @@ static pliant_status homogenize_octree(pliant_discretizing *work)
     return pliant_system_octree_hexahedra(work->made->system, body->fine_material, kept ? kept->before->system : NULL, kept ? kept->fine : NULL, work->solved_fixed);
 }
 
-/* The coarse mesh as it is without cuts. */
+/* Discretize the coarse mesh without cuts. */
 static pliant_status homogenize_coarse(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
@@ -138,7 +138,8 @@ static pliant_status homogenize_coarse(pliant_discretizing *work)
     return status == PLIANT_OK ? hold_homogenized(work) : status;
 }
 
-/* Tissue that is parted at load: the coarse mesh of the body before that, which stays for bodies to come. */
+/* Tissue that is separated at load: discretize the coarse mesh of the topology before the separation. Later
+ * topologies use it. */
 static pliant_status set_coarse_apart(pliant_discretizing *work)
 {
     pliant_discretization *made = work->made;
@@ -146,7 +147,7 @@ static pliant_status set_coarse_apart(pliant_discretizing *work)
     pliant_system *system = pliant_calloc(1, sizeof *system);
     if (!system) return pliant_fail_memory("what is solved");
     *system = *made->system;
-    made->body = parted->lender ? parted->lender : parted; /* it holds that one */
+    made->body = parted->lender ? parted->lender : parted; /* the separated topology retains it */
     made->system->mesh = &made->body->coarse;
     made->system->fine = &made->body->fine;
     pliant_status status = homogenize_coarse(work);
@@ -182,7 +183,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
     if (scene->solver.kind == PLIANT_TLED) return pliant_tled_system_create(scene, body, work->kept ? work->kept->before->tled : NULL, &work->made->tled);
     const pliant_kept *kept = work->kept;
     const pliant_system *before = kept ? kept->before->system : NULL;
-    /* what is severed without parting anything homogenizes nothing */
+    /* cuts that separate no element need no homogenization */
     const bool graded = pliant_body_is_cut(body) || (kept && scene->model.method != PLIANT_LOD);
     if (is_coarse(scene)) return graded ? homogenize_cut(work) : homogenize_coarse(work);
     if (scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_OCTREE) return homogenize_octree(work);
@@ -190,7 +191,7 @@ pliant_status pliant_discretizing_homogenize(pliant_discretizing *work)
                                                    : pliant_system_elements(system, body->fine_material, before, kept ? kept->fine : NULL);
 }
 
-/* Of a node that is solved itself, m I: that of before where the node and its mass are the same. */
+/* Set the mass matrix of a solved node to m I, unless node and mass are unchanged since the previous topology. */
 static void own_mass(pliant_discretization *made, const pliant_discretization *before, int32_t f)
 {
     pliant_system *system = made->system;
@@ -202,7 +203,7 @@ static void own_mass(pliant_discretization *made, const pliant_discretization *b
     pliant_writes(system->gravity_mass, 9 * (size_t)f, 9, sizeof *system->gravity_mass);
 }
 
-/* Of all of them. */
+/* Set the mass matrices of all free nodes. */
 static pliant_status own_masses(pliant_discretization *made, const pliant_discretization *before)
 {
     pliant_system *system = made->system;
@@ -222,7 +223,8 @@ static pliant_status own_masses(pliant_discretization *made, const pliant_discre
     return PLIANT_OK;
 }
 
-/* M_j = sum of m_i N_ij over the fine nodes, [H] 10; hexahedra: m by their own shape functions. kept: Nullable */
+/* Compute the gravity-mass matrices M_j = sum of m_i N_ij over the fine nodes, [H] 10. For hexahedra, m follows
+ * from their own shape functions. kept: Nullable */
 static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, const pliant_kept *kept)
 {
     const pliant_body *body = made->body;
@@ -242,7 +244,8 @@ static pliant_status gravity_mass(pliant_discretization *made, bool hexahedra, c
     return status == PLIANT_OK ? pliant_upsample_masses(system, hexahedra ? system->fine_mass : body->node_mass, system->gravity_mass) : status;
 }
 
-/* tetrahedra of the solved mesh that are kept, with whatever holds them; NULL: unknown, what is homogenized holds nodes of its own */
+/* Return which tetrahedra of the solved mesh are unchanged, including their nodes. NULL: unknown, because
+ * homogenized elements have their own nodes. */
 static const uint8_t *kept_of_solved(const pliant_discretizing *work)
 {
     return work->kept && !is_coarse(work->scene) ? work->kept->fine : NULL;
@@ -252,7 +255,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
 {
     const pliant_scene *scene = work->scene;
     pliant_system *system = work->made->system;
-    if (work->made->tled) return PLIANT_OK; /* no matrix */
+    if (work->made->tled) return PLIANT_OK; /* explicit: no matrix */
     system->divided = scene->cut.kind != PLIANT_CUT_SUBDIVIDE && pliant_body_is_cut(work->made->body);
     const pliant_kept *kept = work->kept;
     pliant_status status = pliant_system_number_next(system, work->solved_fixed ? work->solved_fixed : work->made->body->fine_fixed,
@@ -260,7 +263,7 @@ pliant_status pliant_discretizing_analyze(pliant_discretizing *work)
     if (status == PLIANT_OK) status = gravity_mass(work->made, scene->element.kind == PLIANT_HEXAHEDRA && scene->mesh.kind == PLIANT_LATTICE, kept);
     if (status == PLIANT_OK && !work->kept) status = pliant_system_find_pattern(system);
     if (status != PLIANT_OK || work->kept) return status;
-    /* the V-cycle's meshes nest by lattice, and its elements have nodes of their own cube alone */
+    /* multigrid needs meshes that nest by lattice, and elements with nodes of their own cube only */
     bool direct = scene->mesh.file[0] || scene->mesh.kind == PLIANT_OCTREE || scene->model.method == PLIANT_LOD;
     return pliant_preconditioner_create(system, direct ? PLIANT_DIRECT : scene->solver.preconditioner, NULL, &system->preconditioner);
 }
@@ -312,7 +315,7 @@ pliant_status pliant_discretization_create(const pliant_scene *scene, const plia
     return status;
 }
 
-/* ---- of the next body */
+/* ---- discretization after a cut */
 
 static bool same_holds(const uint8_t *a, const uint8_t *b, int32_t count)
 {
@@ -322,7 +325,7 @@ static bool same_holds(const uint8_t *a, const uint8_t *b, int32_t count)
     return true;
 }
 
-/* Of the body that comes next: it lists what is not kept. NULL: no memory */
+/* Return which tetrahedra are unchanged, from the new topology's list of changes. NULL: out of memory. */
 static uint8_t *kept_by_list(const pliant_body *was, const pliant_body *body)
 {
     uint8_t *kept = pliant_calloc((size_t)body->fine.num_tets, 1);
@@ -331,7 +334,7 @@ static uint8_t *kept_by_list(const pliant_body *was, const pliant_body *body)
     return kept;
 }
 
-/* Tetrahedra whose number, corners and material are the same as in the body before. */
+/* Return which tetrahedra have the same number, corners and material in both topologies. NULL: out of memory. */
 static uint8_t *find_kept(const pliant_body *before, const pliant_body *body, const int32_t *node)
 {
     const pliant_mesh *was = &before->fine, *mesh = &body->fine;

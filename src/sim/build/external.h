@@ -8,11 +8,11 @@
 extern "C" {
 #endif
 
-/* Read mesh/file into the body's fine mesh, and give its tetrahedra materials: by the file's regions, or by the scan where it has none.
- * Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
+/* Read mesh/file into the topology's fine mesh. Its tetrahedra get their materials from the file's regions, or from
+ * the scan if there are none. Errors: FILE, FORMAT, SCENE, MATERIAL (regions without a material), MEMORY. */
 pliant_status pliant_external_mesh(pliant_model *model);
 
-/* Refuse options that do not go with mesh/file. Errors: SCENE. */
+/* Refuse options that conflict with mesh/file. Errors: SCENE. */
 pliant_status pliant_external_check(const pliant_scene *scene);
 
 #ifdef __cplusplus

@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-/* a node is in a material when at least half of the eight voxels around it are */
+/* A node is in a material if at least half of the eight voxels around it are. */
 static bool in_fixed_material(const pliant_model *model, const double world[3])
 {
     const pliant_geometry *geometry = &model->scan->geometry;
@@ -49,7 +49,7 @@ bool pliant_fixed_node(const pliant_model *model, int32_t node)
     return (!model->scene.material.deformable_bone && in_fixed_material(model, x)) || in_fixed_region(&model->scene, x);
 }
 
-/* A plane between nodes clamps tissue at the last nodes behind it. */
+/* A plane between nodes clamps tissue at the last nodes behind it, so warn about the distance. */
 static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane, int number)
 {
     double length = 0, last = -INFINITY, first = INFINITY, cell = 0, unit[3], behind[3], before[3];
@@ -75,7 +75,7 @@ static bool plane_tell(const pliant_mesh *mesh, const pliant_fixed_plane *plane,
                    "would hold some", number, 1e3 * first, before[0], before[1], before[2]);
         return false;
     }
-    const double unnoticed = 0.05; /* of a cell */
+    const double unnoticed = 0.05; /* fraction of a cell */
     if (first < INFINITY && -last > unnoticed * cell)
         pliant_log(PLIANT_LOG_WARNING, "fixed/planes: number %d lies between nodes: tissue is held %.3g mm behind it, at (%.5f %.5f %.5f); the next nodes lie %.3g mm "
                    "in front of it, at (%.5f %.5f %.5f). Choose one of these points, or other mesh/coarse_cells", number, -1e3 * last, behind[0], behind[1], behind[2],

@@ -1,6 +1,5 @@
-/* Where the fields of public structs lie, for bindings of other languages (src/python/pliant_library.py): they ask the library that runs
- *  instead of repeating its headers.
- */
+/* Offsets of the fields of public structs, for bindings of other languages (src/python/pliant_library.py). The
+ * bindings query the loaded library instead of repeating its headers. */
 #ifndef PLIANT_SIM_LAYOUT_H
 #define PLIANT_SIM_LAYOUT_H
 
@@ -12,18 +11,19 @@
 extern "C" {
 #endif
 
-/** One field; count numbers of a kind one after the other. */
+/** One field: `count` consecutive numbers of one kind. */
 typedef struct pliant_field_layout {
     const char *of, *name; /**< "pliant_body", "fine.rest" */
     char kind;             /**< d double, f float, i int32_t or an enumeration, I uint32_t, Q uint64_t, H uint16_t, B uint8_t, ? bool, N size_t,
                             *   P pointer, s text that ends with 0, x a struct of its own
                             *   (Python's struct module calls them so) */
-    size_t offset, count;  /**< [bytes], of that kind */
+    size_t offset, count;  /**< offset [bytes]; number of values */
 } pliant_field_layout;
 
-/** All that are told. Static. */
+/** Return all fields that are listed. The array is static. */
 PLIANT_INTERNAL const pliant_field_layout *pliant_layout_fields(size_t *count);
-/** Of a struct that is told of, or that callers must make room for (pliant_scene, pliant_labels, ...) [bytes]; 0: another name. */
+/** Return the size of a listed struct, or of a struct that callers must allocate (pliant_scene, pliant_labels, ...)
+ * [bytes]; 0: unknown name. */
 PLIANT_INTERNAL size_t pliant_layout_size(const char *of);
 
 #ifdef __cplusplus

@@ -8,9 +8,9 @@
 
 #include <math.h>
 
-static const double smallest_body = 0.05, largest_body = 0.6;        /* lengths are those of patients between them [m] */
-static const double radius = 0.006, drag = 0.003, margin = 0.03;     /* of a patient [m] */
-static const double most_growth = 4;                                 /* of the deformed volume over the scan, in voxels */
+static const double smallest_body = 0.05, largest_body = 0.6;        /* range of body sizes that need no scaling [m] */
+static const double radius = 0.006, drag = 0.003, margin = 0.03;     /* lengths for bodies of that range [m] */
+static const double most_growth = 4; /* maximum ratio of the deformed volume's voxels to the scan's */
 static const double least_announced = 1e6;                          /* a smaller volume needs no warning [bytes] */
 
 /* Return the cube root of the tissue's volume [m]. */
@@ -33,7 +33,7 @@ pliant_status pliant_length_scale(const pliant_volume *scan, const pliant_labels
     return status;
 }
 
-/* Return how many times as many voxels as the scan the deformed volume has. INFINITY: more than can be counted. */
+/* Return the number of the deformed volume's voxels divided by the scan's. INFINITY: too many to count. */
 static double growth_of(const pliant_model *model, double around, pliant_geometry *target)
 {
     const pliant_mesh *mesh = &model->body->fine;

@@ -1,4 +1,4 @@
-/* Lengths of a scene that are auto: they follow from the size of the body. */
+/* Lengths of a scene that are `auto`: they follow from the size of the tissue. */
 #ifndef PLIANT_SIM_LENGTHS_H
 #define PLIANT_SIM_LENGTHS_H
 
@@ -8,8 +8,8 @@
 extern "C" {
 #endif
 
-/* Give the model's own scene a number for every length that is auto. The mesh must be there. Where a margin that was asked for makes the
- * deformed volume more than 4 times as large as the scan, warn of its size. */
+/* Set every length that is `auto` in the model's copy of the scene. The mesh must exist. Warn if the scene's margin
+ * makes the deformed volume more than 4 times as large as the scan. */
 void pliant_model_set_lengths(pliant_model *model);
 
 #ifdef __cplusplus

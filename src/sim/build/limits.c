@@ -1,4 +1,4 @@
-/* Limits of a step, and what its factors hold. */
+/* Limits of a step, and the size of its factors. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/quasistatic/solver.h"

@@ -1,4 +1,4 @@
-/* Wrench and stiffness of a tool after a step, for what answers between steps. */
+/* Linearize a tool's wrench after a step, for haptic loops between steps. */
 #include "sim/build/linear.h"
 
 #include "backend/backend.h"
@@ -11,17 +11,20 @@
 #include <math.h>
 #include <string.h>
 
-static const double least_motion = 1e-6; /* of a secant [m]: below it, changes of the force are the solver's own */
+/* shortest motion for a secant [m]: below it, changes of the force are solver errors */
+static const double least_motion = 1e-6;
 
 static void read_wrench(const pliant_data *data, int index, double wrench[6])
 {
     const pliant_tool *tool = data->tools + index;
     pliant_contact_wrench(data, index, wrench, wrench + 3);
-    for (int d = 0; d < 3 && (tool->holding || tool->blade.cutting); d++) wrench[d] += tool->force[d]; /* at the tip itself */
+    /* this force acts at the tip */
+    for (int d = 0; d < 3 && (tool->holding || tool->blade.cutting); d++) wrench[d] += tool->force[d];
 }
 
-/* B + (r s' + s r') / s's - (r's) s s' / (s's)^2,  r = y - B s: the symmetric matrix nearest to B that has the secant (Dennis and Schnabel,
- * Numerical Methods for Unconstrained Optimization, 9.1). */
+/* Update B by the secant y = B s: B + (r s' + s r') / s's - (r's) s s' / (s's)^2,  r = y - B s. This is the
+ * symmetric matrix nearest to B that satisfies the secant (Dennis and Schnabel, Numerical Methods for Unconstrained
+ * Optimization, 9.1). */
 static void take_secant(const double s[3], const double y[3], double b[9])
 {
     double r[3], length = 0, along = 0;
@@ -34,8 +37,7 @@ static void take_secant(const double s[3], const double y[3], double b[9])
         for (int j = 0; j < 3; j++) b[3 * i + j] += (r[i] * s[j] + s[i] * r[j]) / length - along * s[i] * s[j] / (length * length);
 }
 
-/* What the last steps' forces tell beyond the linearization that they began with: its part by translations becomes that of both, without what
- * is below 0. */
+/* Correct the translational stiffness by the secants of the last steps, and remove its negative eigenvalues. */
 static void correct(const pliant_tool_linear *before, pliant_tool_linear *now)
 {
     double s[3], rest[3], length = 0, whole[9], values[3], vectors[9];
@@ -65,7 +67,7 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
     if (index < 0 || index >= data->num_tools) return pliant_fail(PLIANT_ERROR_ARGUMENT, "there are %d tools, and none of index %d", data->num_tools, index);
     const pliant_tool *tool = data->tools + index;
     pliant_tool_linear now = {.known = tool->present && data->statistics.step > 0, .step = data->statistics.step, .hold = tool->hold};
-    const bool stepped = tool->proxy.known; /* the wrench is of where the tool was in the step */
+    const bool stepped = tool->proxy.known; /* the wrench belongs to the proxy's pose in the step */
     memcpy(now.tip, stepped ? tool->proxy.tip : tool->tip, sizeof now.tip);
     memcpy(now.rotation, stepped ? tool->proxy.rotation : tool->rotation, sizeof now.rotation);
     if (now.known) {
@@ -76,7 +78,8 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
             const int leader = pliant_pull_leader(data, index), count = pliant_pull_members(data, leader, member);
             pliant_status status = pliant_solver_stiffness(pliant_patch_solver(data, leader), leader, now.tip, now.stiffness, &linear);
             if (status != PLIANT_OK) return status;
-            for (int m = 0; m < 36 && count > 1; m++) now.stiffness[m] /= count * count; /* each moves the target by its part, and takes its part of the force */
+            /* each tool of a shared grasp moves the target by its fraction and takes its fraction of the force */
+            for (int m = 0; m < 36 && count > 1; m++) now.stiffness[m] /= count * count;
         }
         now.by_secants = !linear;
         correct(at, &now);
@@ -85,7 +88,7 @@ pliant_status pliant_tool_linearize(const pliant_data *data, int index, pliant_t
     return PLIANT_OK;
 }
 
-/* The shortest rotation vector from one to another [rad]. */
+/* Compute the shortest rotation vector between two rotations [rad]. */
 static void turn_between(const double from[4], const double to[4], double out[3])
 {
     double v[3], w = to[3] * from[3];

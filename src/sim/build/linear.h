@@ -1,5 +1,4 @@
-/* A tool's wrench near the pose of the last step: what answers a hand faster than steps come.
- */
+/* Linear model of a tool's wrench near the pose of the last step, for haptic loops that are faster than the steps. */
 #ifndef PLIANT_SIM_LINEAR_H
 #define PLIANT_SIM_LINEAR_H
 
@@ -13,27 +12,31 @@ extern "C" {
 /** wrench(pose) = wrench + stiffness (pose - pose of the step). Zero it before its first use. */
 typedef struct pliant_tool_linear {
     bool known;            /**< false: the tool has no pose, or no step was made */
-    bool by_secants;       /**< no linearization was at hand: stiffness is what forces of the last steps tell, and that alone */
+    bool by_secants; /**< there is no linearization: the stiffness follows from the forces of the last steps alone */
     uint64_t step;         /**< of pliant_statistics */
     uint64_t hold;         /**< of pliant_tool_state */
     double tip[3];         /**< LPS [m] */
     double rotation[4];    /**< quaternion x y z w */
-    double wrench[6];      /**< of the tool on the tissue, by all that it has: force [N], torque about the tip [N m] */
-    double stiffness[36];  /**< of that over translation [m] and rotation vector [rad] of the tool; symmetric, no eigenvalue below 0 */
-    double correction[9];  /**< what of its part by translations the last steps have told beyond the linearization [N/m] */
+    double wrench[6];      /**< force [N] and torque about the tip [N m] of the whole tool on the tissue */
+    /** derivative of the wrench by translation [m] and rotation vector [rad]; symmetric positive semidefinite */
+    double stiffness[36];
+    double correction[9];  /**< correction of the translational part by secants of the last steps [N/m] */
 } pliant_tool_linear;
 
-/** After a step: the wrench of that step and how it changes with the tool's pose. With the rows W of what the tool holds and touches, and the
- *  spring's compliance c, the other tools holding still,  stiffness = G' (c I + W K^-1 W')^-1 G,  G the motion of those rows with the tool;
- *  K is the stiffness that the solver's preconditioner stands for, and contacts that slide resist along their normals alone. What that leaves out
- *  (the preconditioner is of a while ago, rows turn, contacts come and go) is told by secants: changes of the force from step to step (Powell's
- *  symmetric Broyden update, translations alone), where the same struct is given after every step. Explicit dynamics, solvers on a GPU, and pieces
- *  that came off have no K^-1 at hand, and secants alone. Errors: ARGUMENT (no such tool), MEMORY.
- *  @param at in: that of the last step, or zeros: no secants */
+/** Compute the wrench of the last step and its derivative by the tool's pose; all other tools stand still.
+ * The stiffness is G' (c I + W K^-1 W')^-1 G. W are the constraint rows of grasp and contact, and c is the spring's
+ * compliance. G is the motion of the rows with the tool. K is the stiffness that the preconditioner approximates.
+ * Sliding contacts resist along their normals only.
+ * Secants correct the errors of this model: an old preconditioner, rows that turn, contacts that begin or end. A
+ * secant is the change of the force between two steps (Powell's symmetric Broyden update, translations only). To
+ * use secants, pass the same struct after every step. Explicit dynamics, GPU solvers, and simulations with detached
+ * pieces have no K^-1; they use secants alone.
+ * @param at in: the result of the previous step, or zeros for no secants; out: the new one
+ * Errors: ARGUMENT (no such tool), MEMORY. */
 PLIANT_INTERNAL pliant_status pliant_tool_linearize(const pliant_data *data, int tool, pliant_tool_linear *at);
 
-/** The wrench at another pose, changed by no more than a bound in force, and in the same proportion in torque. Any thread.
- *  @param most [N]; infinite: none */
+/** Compute the wrench at another pose. Any thread may call this.
+ * @param most limit of the change of the force [N], may be infinite; the torque is scaled by the same factor */
 PLIANT_INTERNAL void pliant_tool_linear_wrench(const pliant_tool_linear *at, const double tip[3], const double rotation[4], double most, double out[6]);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* From a scan and a scene to the constant model, stage by stage. */
+/* Build the constant model from a scan and a scene, stage by stage. */
 #include "base/fail.h"
 #include "base/clock.h"
 #include "base/room.h"
@@ -32,7 +32,7 @@ const char *pliant_build_stage_name(int stage)
     return stage >= 0 && stage < PLIANT_NUM_BUILD_STAGES ? names[stage] : "";
 }
 
-/* What is needed only while building. */
+/* Data that only the building needs. */
 typedef struct builder {
     pliant_model *model;
     const pliant_labels *labels;
@@ -42,7 +42,7 @@ typedef struct builder {
     pliant_discretizing discretizing;
 } builder;
 
-/* condensed on the corners of every coarse tetrahedron, which must all be there */
+/* Return whether elements are condensed on the corners of every coarse tetrahedron, so that all corners must exist. */
 static bool needs_corners(const pliant_model *model)
 {
     return model->scene.model.method == PLIANT_SCHUR || model->scene.model.method == PLIANT_CALIBRATED;
@@ -100,11 +100,13 @@ static pliant_status cut_up(builder *build)
         keep[t] = model->scene.mesh.keep_air || build->lattice_material[t].tissue > 0;
         if (keep[t]) keep_coarse[pliant_lattice_coarse_of(coarse_cells, ratio, (int32_t)t)] = 1;
     }
-    for (size_t t = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && t < fine_count; t += 5) { /* a cube with tissue is whole */
+    /* a cube with tissue is kept as a whole */
+    for (size_t t = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && t < fine_count; t += 5) {
         uint8_t any = keep[t] | keep[t + 1] | keep[t + 2] | keep[t + 3] | keep[t + 4];
         memset(keep + t, any, 5);
     }
-    for (size_t c = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && c < coarse_count; c += 5) { /* so is a coarse one */
+    /* a coarse cube too */
+    for (size_t c = 0; model->scene.element.kind == PLIANT_HEXAHEDRA && c < coarse_count; c += 5) {
         uint8_t any = keep_coarse[c] | keep_coarse[c + 1] | keep_coarse[c + 2] | keep_coarse[c + 3] | keep_coarse[c + 4];
         memset(keep_coarse + c, any, 5);
     }
@@ -128,14 +130,14 @@ static pliant_status mesh(builder *build)
     return status == PLIANT_OK ? pliant_mesh_surface(&body->fine, &body->triangles, &body->num_triangles) : status;
 }
 
-/* materials of the kept tetrahedra, nodal masses ([H] 2.1: a fourth of the mass to each node) */
+/* Compute materials of the kept tetrahedra and nodal masses ([H] 2.1: a fourth of the mass to each node). */
 static pliant_status integrate(builder *build)
 {
     pliant_model *model = build->model;
     pliant_body *body = model->body;
     const pliant_mesh *fine = &body->fine;
     const bool file = model->scene.mesh.file[0];
-    bool octree = file || model->scene.mesh.kind == PLIANT_OCTREE; /* its leaves have materials already */
+    bool octree = file || model->scene.mesh.kind == PLIANT_OCTREE; /* leaves of an octree have materials already */
     if (!octree) body->fine_material = pliant_calloc((size_t)fine->num_tets, sizeof *body->fine_material);
     body->node_mass = pliant_calloc((size_t)fine->num_nodes, sizeof *body->node_mass);
     if (!body->fine_material || !body->node_mass) return pliant_fail_memory("the materials of the mesh");
@@ -164,8 +166,8 @@ static pliant_status integrate(builder *build)
     return status;
 }
 
-/* Standard FEM on the coarse mesh can be held by its own nodes only. Where too few of them lie in what is fixed, those
- * nearest to fixed fine nodes are taken. */
+/* Fix nodes of the coarse mesh for standard FEM. If too few coarse nodes lie in fixed material, use the nodes
+ * nearest to fixed fine nodes. */
 static pliant_status hold_coarse(builder *build)
 {
     const pliant_model *model = build->model;
@@ -174,7 +176,7 @@ static pliant_status hold_coarse(builder *build)
     uint8_t *loose = pliant_calloc((size_t)coarse->num_tets, 1);
     int32_t pieces = 0, ratio = model->scene.mesh.ratio;
     if (!loose) return pliant_fail_memory("the fixed nodes");
-    pliant_fail_quietly(true); /* what cannot be held so is held otherwise */
+    pliant_fail_quietly(true); /* the error is handled below */
     pliant_status status = pliant_mesh_hold(coarse, PLIANT_FIXED_AT_REST, true, body->coarse_fixed, loose, &pieces);
     pliant_fail_quietly(false);
     if (status == PLIANT_ERROR_SCENE) {
@@ -192,8 +194,8 @@ static pliant_status hold_coarse(builder *build)
     return status;
 }
 
-/* Coarse nodes that are fixed fine ones, those of loose pieces among them. Homogenized elements know of fixed nodes inside
- * (discretization.c), others do not. */
+/* Fix the coarse nodes that are fixed fine nodes, including those of loose pieces. Homogenized elements handle
+ * fixed nodes inside them (discretization.c); other elements do not. */
 static pliant_status fix_coarse(builder *build)
 {
     const pliant_model *model = build->model;
@@ -209,7 +211,7 @@ static pliant_status fix_coarse(builder *build)
     return model->scene.model.method == PLIANT_COARSE ? hold_coarse(build) : PLIANT_OK;
 }
 
-/* a loose piece, by its faces: no longer held. stack: (tetrahedra) room */
+/* Release a loose piece, found by its faces, from being fixed. stack: (tetrahedra) buffer */
 static void release(builder *build, const uint8_t *fixed_before, const int32_t *neighbours, int32_t tet, int32_t *stack)
 {
     pliant_body *body = build->model->body;
@@ -229,8 +231,9 @@ static void release(builder *build, const uint8_t *fixed_before, const int32_t *
     body->num_held_pieces--;
 }
 
-/* Explicit dynamics has an inertia for all that moves: what hangs on the rest by a node or an edge swings there. Held at rest it would be turned inside
- * out by what it hangs on. fixed_before: (nodes) before pliant_mesh_hold */
+/* Explicit dynamics: release pieces that are attached to the rest by a node or an edge, because inertia determines
+ * their motion. Fixed at rest, the moving rest would invert them.
+ * @param fixed_before (nodes) before pliant_mesh_hold */
 static pliant_status let_hang(builder *build, const uint8_t *fixed_before)
 {
     pliant_body *body = build->model->body;
@@ -263,7 +266,8 @@ static pliant_status fix(builder *build)
     const int holds_none = pliant_fixed_planes_tell(model);
     body->has_inertia = model->scene.solver.kind == PLIANT_TLED && !model->scene.tled.quasi_static;
     pliant_wall walls[PLIANT_MAX_WALLS];
-    body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_walls(&model->scene, walls) > 0; /* something ends the fall */
+    /* a wall ends the fall */
+    body->falls = model->scene.solver.kind == PLIANT_TLED && pliant_tled_walls(&model->scene, walls) > 0;
     if (body->falls) return PLIANT_OK;
     uint8_t *fixed_before = pliant_copy_of(body->fine_fixed, (size_t)fine->num_nodes, 1);
     if (!fixed_before) return pliant_fail_memory("the fixed nodes");
@@ -287,7 +291,7 @@ static pliant_status fix(builder *build)
     return is_coarse(model) ? fix_coarse(build) : PLIANT_OK;
 }
 
-/* which voxels hang together, where blades may part them */
+/* Find the links between voxels that blades may cut. */
 static pliant_status link_voxels(builder *build)
 {
     pliant_model *model = build->model;
@@ -298,7 +302,7 @@ static pliant_status link_voxels(builder *build)
     return status == PLIANT_OK ? pliant_model_part_slides(model) : status;
 }
 
-/* how far this stage is, as a part of all of them */
+/* Report the stage's progress as a fraction of all stages. */
 static bool homogenized(double fraction, const char *stage, void *user)
 {
     const builder *build = user;
@@ -314,7 +318,7 @@ static pliant_status homogenize(builder *build)
 static pliant_status analyze(builder *build) { return pliant_discretizing_analyze(&build->discretizing); }
 static pliant_status factorize(builder *build) { return pliant_discretizing_factorize(&build->discretizing); }
 
-/* beyond what is counted */
+/* Return the size of the factor, which the memory account does not include [bytes]. */
 static size_t factor_bytes(const builder *build)
 {
     const pliant_discretization *made = build->discretizing.made;
@@ -369,7 +373,7 @@ void pliant_gravity_warning(const pliant_scene *scene, const double gravity[3])
                    scene->model.patch > 0 ? "model/patch mends only what is around a hold" : "nothing mends that");
 }
 
-/* what the scene's solver has no use for */
+/* Warn about options that the scene's solver ignores. */
 static void warn_of_unused(const pliant_scene *scene)
 {
     char names[512];
@@ -381,7 +385,7 @@ static void warn_of_unused(const pliant_scene *scene)
                    "obstacles hold tissue off", names);
 }
 
-/* element/kind: auto becomes one of the others */
+/* Resolve element/kind: auto. */
 static void choose_elements(pliant_scene *scene)
 {
     const char *why;
@@ -391,7 +395,7 @@ static void choose_elements(pliant_scene *scene)
     scene->element.kind = kind;
 }
 
-/* what a scene whose cuts subdivide cannot have */
+/* Refuse options that conflict with cut/kind: subdivide. */
 static pliant_status check_subdivide(const pliant_scene *scene)
 {
     const char *other = NULL;
@@ -400,7 +404,7 @@ static pliant_status check_subdivide(const pliant_scene *scene)
     return other ? pliant_fail(PLIANT_ERROR_SCENE, "cut/kind: subdivide does not go with %s, or cut/kind to sever", other) : PLIANT_OK;
 }
 
-/* what does not go together */
+/* Refuse options that conflict. */
 static pliant_status check(const pliant_scene *scene, const pliant_material_table *materials)
 {
     pliant_status status = pliant_scene_check(scene);

@@ -9,7 +9,7 @@
 
 static const char *const separators = ", []";
 
-/* a bit of `slides` for every material that is named */
+/* Set the flag in `slides` of every material that the scene names. */
 static pliant_status find_named(const pliant_model *model, uint8_t slides[256])
 {
     const pliant_material_table *table = &model->materials;
@@ -27,7 +27,7 @@ static pliant_status find_named(const pliant_model *model, uint8_t slides[256])
     return PLIANT_OK;
 }
 
-/* whether the voxels are of tissue, and one slides along the other */
+/* Return whether both voxels are tissue, and one slides along the other. */
 static bool parts(const pliant_model *model, const uint8_t slides[256], int32_t a, int32_t b)
 {
     const pliant_voxels *voxels = model->body->voxels;
@@ -36,7 +36,8 @@ static bool parts(const pliant_model *model, const uint8_t slides[256], int32_t 
            !model->materials.materials[other].empty;
 }
 
-/* links, ascending, and bridges after them. @param out Nullable. @return how many there are */
+/* List the severed links in ascending order, then the bridges. Return their number.
+ * @param out Nullable */
 static int32_t list_severed(const pliant_model *model, const uint8_t slides[256], uint32_t *out)
 {
     const pliant_voxels *voxels = model->body->voxels;

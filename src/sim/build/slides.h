@@ -8,8 +8,8 @@
 extern "C" {
 #endif
 
-/* The body at load, whose voxels are there: parted where a material that slides meets another one. Errors: SCENE (no such
- * material), and those of pliant_body_sever. */
+/* Cut the rest topology, which must have voxels, where a sliding material meets another one. Errors: SCENE (no such
+ * material), and as of pliant_body_sever. */
 pliant_status pliant_model_part_slides(pliant_model *model);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Meshes for other programs. */
+/* Write meshes in file formats of other programs. */
 #include "pliant/save.h"
 
 #include "base/fail.h"
@@ -29,7 +29,8 @@ static void describe(saved *what)
     size_t at = (size_t)snprintf(what->comment, room, "Pliant. Lengths: %s. Axes: LPS. Materials:", what->unit == 1 ? "metres" : "millimetres");
     for (uint32_t m = 0; m < table->num_materials && at < room; m++)
         at += (size_t)snprintf(what->comment + at, room - at, " %u %s%s", (unsigned)m, table->materials[m].name, m + 1 < table->num_materials ? "," : ".");
-    for (char *two = what->comment; (two = strstr(two, "--"));) two[1] = ' '; /* which would end an XML comment */
+    /* "--" is not allowed in an XML comment */
+    for (char *two = what->comment; (two = strstr(two, "--"));) two[1] = ' ';
     for (char *byte = what->comment; *byte; byte++)
         if (*byte == '<' || *byte == '>' || *byte == '&') *byte = ' ';
 }
@@ -210,7 +211,7 @@ static bool fill_surface(const saved *what, const pliant_surface *surface, const
     return good;
 }
 
-/* Pass contact forces on to the surface's points, one component after the other. */
+/* Copy contact forces to the surface's points, one component after the other. */
 static pliant_status find_surface_points(const saved *what, const pliant_surface *surface, surface_points *out)
 {
     const size_t nodes = (size_t)what->body->fine.num_nodes;

@@ -1,6 +1,7 @@
-/* From one body to another. Who keeps something that is derived from a body stands in the table at the end: all of it is prepared first, in
- * a second pliant_data, from which nobody reads; then the two change places, which cannot fail; the old things go. Where nodes stay, the
- * next positions are written behind the old ones, which a cut that fails later may have moved to another place in memory. */
+/* Adapt a simulation to another topology. The table at the end lists all data that depend on the topology. First,
+ * every entry prepares its data in a second pliant_data that nothing reads. Then the two are swapped, which cannot
+ * fail, and the old data are freed. If all nodes stay, the new positions are appended to the old array. Growing it
+ * may move the array in memory, also when the cut fails later. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "base/room.h"
@@ -24,7 +25,7 @@ typedef struct adaptation {
     pliant_warp_next **warp;
 } adaptation;
 
-/* ---- what is solved */
+/* ---- discretization */
 
 static pliant_status prepare_discretization(const adaptation *work)
 {
@@ -43,13 +44,14 @@ static void swap_discretization(const adaptation *work)
     work->made->discretization = old;
 }
 
-/* ---- positions, and pieces that have come off: what is no piece any more was, when it became one, where the rest of the body expects it */
+/* ---- positions and detached pieces. Nodes that leave a piece return to their home positions, where the rest of the
+ * topology expects them. */
 
 static pliant_status prepare_positions(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     const int32_t nodes = made->body->fine.num_nodes;
-    /* those of a next body are written behind those that there are */
+    /* positions of added nodes are appended to the array */
     const bool stay = work->map.num_same == data->discretization->body->fine.num_nodes && !data->falling;
     if (stay && !pliant_grow(&data->positions, (size_t)nodes, 3 * sizeof *data->positions)) return pliant_fail_memory("the simulation state");
     double *positions = made->positions = stay ? data->positions : pliant_calloc((size_t)nodes, 3 * sizeof *positions);
@@ -73,7 +75,7 @@ static void swap_positions(const adaptation *work)
     work->made->falling = falling;
 }
 
-/* After an error: what was written behind those that there are, which nobody has seen, goes, if only to be as it was. */
+/* After an error, shrink the array of positions to its previous size. */
 static void leave_positions(const adaptation *work)
 {
     if (!work->made->positions || work->made->positions != work->data->positions) return;
@@ -81,14 +83,15 @@ static void leave_positions(const adaptation *work)
     pliant_grow(&work->data->positions, (size_t)work->data->body->fine.num_nodes, 3 * sizeof *work->data->positions);
 }
 
-/* ---- the state of the solver, explicit dynamics and patches; patches begin anew */
+/* ---- state of the solver, explicit dynamics and patches; patches start again */
 
 static pliant_status prepare_state(const adaptation *work)
 {
     pliant_data *data = work->data, *made = work->made;
     if (data->backend->download && !pliant_positions_are_state(data)) data->backend->download(work->model, data);
     const bool fine = data->falling && data->solver && data->solver->system->mesh == data->solver->system->fine;
-    for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) { /* what is downloaded has fallen */
+    /* downloaded positions include the motion of rigid pieces */
+    for (int32_t n = 0; fine && n < data->discretization->body->fine.num_nodes; n++) {
         const double *home = pliant_falling_home(data->falling, n);
         if (home) memcpy(data->solver->now.x + 3 * n, home, 3 * sizeof *home);
     }
@@ -118,7 +121,7 @@ static void swap_state(const adaptation *work)
     made->patch = NULL;
 }
 
-/* ---- tools' holds */
+/* ---- grasps */
 
 static pliant_status prepare_tools(const adaptation *work)
 {
@@ -126,7 +129,7 @@ static pliant_status prepare_tools(const adaptation *work)
     pliant_status status = PLIANT_OK;
     for (int t = 0; t < data->num_tools && status == PLIANT_OK; t++) {
         pliant_tool *tool = made->tools + t;
-        made->num_tools = t + 1; /* what is freed on an error */
+        made->num_tools = t + 1; /* on an error this many tools are freed */
         status = pliant_tool_carry(tool, data->tools + t, data, made->body, made->positions);
         if (status == PLIANT_OK && made->solver && tool->holding && tool->attached)
             status = pliant_solver_carry_hold(made->solver, data->solver, t, tool->num_held, tool->held, tool->weight, made->positions, tool->force);
@@ -143,7 +146,7 @@ static void swap_tools(const adaptation *work)
     }
 }
 
-/* ---- the deformed volume: as it is until the next update, which draws what differs */
+/* ---- deformed volume: unchanged until the next update, which draws the differences */
 
 static pliant_status prepare_warp(const adaptation *work)
 {
@@ -158,11 +161,11 @@ static void swap_warp(const adaptation *work)
 /* ---- the table */
 
 typedef struct adapter {
-    pliant_status (*prepare)(const adaptation *work); /* into made, from data, of which the state stays */
-    void (*swap)(const adaptation *work);             /* between the two */
+    pliant_status (*prepare)(const adaptation *work); /* write to made, read from data, whose state stays */
+    void (*swap)(const adaptation *work);             /* exchange data and made */
 } adapter;
 
-/* each after what it is made of */
+/* sorted by dependency */
 static const adapter adapters[] = {
     {prepare_discretization, swap_discretization}, {prepare_positions, swap_positions}, {prepare_state, swap_state},
     {prepare_tools, swap_tools},                   {prepare_warp, swap_warp},
@@ -184,7 +187,7 @@ static pliant_status prepare(adaptation *work)
     return status;
 }
 
-/* The next body is likely to want as much, and as much again until what is old now has gone. */
+/* Keep memory for the next topology, and as much again for the time when the old one is not yet freed. */
 static void keep_memory(pliant_data *data, int64_t taken)
 {
     const size_t bytes = taken > 0 ? (size_t)taken : 0;
@@ -195,11 +198,12 @@ static void keep_memory(pliant_data *data, int64_t taken)
 
 pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data, const pliant_body *body)
 {
-    if (pliant_body_same(body, data->discretization->body)) { /* what is derived points to that one's arrays, which it holds */
+    /* derived data point to the arrays of an equal topology, which they retain */
+    if (pliant_body_same(body, data->discretization->body)) {
         take_body(data, body);
         return PLIANT_OK;
     }
-    const int64_t taken = pliant_memory_taken(); /* others take and give back meanwhile */
+    const int64_t taken = pliant_memory_taken(); /* other threads allocate and free at the same time */
     pliant_account *before = pliant_held_begin(data);
     pliant_data *made = pliant_calloc(1, sizeof *made);
     if (!made) {
@@ -215,7 +219,7 @@ pliant_status pliant_data_set_body(const pliant_model *model, pliant_data *data,
         keep_memory(data, pliant_memory_taken() - taken);
         for (int a = 0; a < NUM_ADAPTERS; a++) adapters[a].swap(&work);
         take_body(data, body);
-        pliant_warp_next_free(warp); /* it is of the warp, which may go on without its device */
+        pliant_warp_next_free(warp); /* it belongs to the warp, which may continue without its device */
         warp = NULL;
         pliant_backend_follow(model, data, made, &work.map);
     }

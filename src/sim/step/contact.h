@@ -16,7 +16,8 @@ bool pliant_contact_is_idle(const pliant_model *model, const pliant_data *data);
 /* Find the contact points of the leg that data->legs describes. Points that persist keep their forces and anchors.
  * Errors: MEMORY (the points stay unchanged). */
 pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data);
-/* Find the largest free fraction of a leg: from the surface at its start to data->positions.
+/* Find the largest fraction of a leg that is free of penetration. The leg goes from the surface at its start to
+ * data->positions.
  * @param share fraction of the proxies' motion that belongs to these positions
  * Errors: MEMORY. */
 pliant_status pliant_contact_advance(const pliant_model *model, pliant_data *data, double share, pliant_advance_result *out);
@@ -54,19 +55,19 @@ static inline void pliant_contacts_exchange(pliant_contacts *a, pliant_contacts 
 /* ---- contact_way.c */
 /* Write the scene's boxes and planes as parts. Return their number. */
 int32_t pliant_contact_obstacles(const pliant_model *model, pliant_part out[2 * PLIANT_MAX_FIXED]);
-/* Return the largest motion in the rest of this step divided by the depth of the part. The motion is that of the
- * part plus that of the tissue near it. Parts of tools far from tissue do not count.
+/* Return the largest motion in the rest of this step divided by the depth of the part. The motion is the sum of the
+ * part's and of the nearby tissue's motion. Parts of tools far from tissue do not count.
  * @param increment (nodes x 3) motion of each node in one sub-step [m]
  * @param times number of sub-steps */
 double pliant_contact_deeps(const pliant_model *model, const pliant_data *data, const double *increment, int32_t times);
 /* Mark the detached pieces that can meet a tool with a shape in this leg, by their predicted motion. */
 void pliant_contact_mark_pieces(pliant_data *data);
 /* ---- contact_access.c
- * Compute the force and torque of a tool's parts on the tissue in the last step, about the tip of its proxy [N, N
- * m]. */
+ * Compute the force and torque of a tool's parts on the tissue in the last step, about the tip of its proxy
+ * [N, N m]. */
 void pliant_contact_wrench(const pliant_data *data, int tool, double force[3], double torque[3]);
 
-/* Compute the compliance that tissue of rigid pieces under a tool adds to its coupling. For translations it is that
+/* Compute the compliance that rigid pieces under a tool add to its coupling. For translations it is the compliance
  * of a cube of the piece's volume V, 1 / (E V^(1/3)) [m/N]. For the jaws it follows from the levers of the points
  * [rad/(N m)]. 0: the tool is on no piece.
  * @param pressing use the points that have carried a force; otherwise the points that overlap */

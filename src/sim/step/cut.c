@@ -1,12 +1,15 @@
-/* The first stage of a step: blades that are on part what they are swept through.
+/* The first stage of a step: active blades cut the tissue that they sweep through.
  *
- * A blade does not part tissue at once. It drags the edge's own points of it along, by a spring k towards where the blade is, and feels k times
- * how far it has come since it began to (its way y): tissue stiffens as it is stretched, which linear elements do not, so that what they carry
- * is the lesser part of it. When its work, k y^2 / 2, has reached toughness times the width of the edge in tissue times y, it slips: the tissue
- * is let go, comes back over the edge and is parted up to there. With k = 2 toughness width / drag that is at y = drag: a saw-tooth, as
- * Chanthasopeephan measured in liver (Ann Biomed Eng 31:1372, 2003), whose mean is toughness times width. What the parted area came to is
- * booked, so that over a stroke the work is toughness times area. In a step that takes the blade a good part of `drag`
- * on, tissue parts at once and only the mean is felt (go_on). */
+ * A blade first drags tissue and then cuts it. A spring of stiffness k pulls the tissue at the edge's points towards
+ * the blade. Its force is k y, where y is the distance that the blade has moved since the drag began. Real tissue
+ * stiffens as it is stretched. Linear elements do not, so they carry less than this force. The blade slips when its
+ * work k y^2 / 2 reaches toughness times y times the width of the edge in tissue. Then the tissue is released,
+ * returns over the edge, and is cut there.
+ *
+ * With k = 2 toughness width / drag the blade slips at y = drag. The force is a saw-tooth, as Chanthasopeephan
+ * measured in liver (Ann Biomed Eng 31:1372, 2003). Its mean is toughness times width. The energy of the cut area is
+ * subtracted from the work, so over a stroke the work is toughness times area. If the blade moves by a large part of
+ * `drag` in one step, the tissue is cut at once, and only the mean force acts (go_on). */
 #include "base/fail.h"
 #include "base/rotate.h"
 #include "tool/blade.h"
@@ -16,19 +19,20 @@
 #include <math.h>
 #include <string.h>
 
-static const double swiftest = 0.5;    /* of tissue that comes over a blade beside it [m/s] */
-static const double backwards = 0.1;   /* a sweep begins so much behind the cut's end, so that no link between is missed [voxels] */
-static const double stirs = 0.05;      /* a blade that is nearer to the cut's end than this has not moved [voxels] */
-static const double chord = 0.25;      /* a turning blade's sweep is off by no more [voxels] */
-static const double far_on = 0.3;      /* of `drag`: a step that takes the blade further drags nothing along */
+static const double swiftest = 0.5;    /* maximum speed of tissue that returns over a blade [m/s] */
+/* distance from the cut's end back to the sweep's start, so that no link between them is missed [voxels] */
+static const double backwards = 0.1;
+static const double stirs = 0.05;      /* distance from the cut's end below which a blade counts as at rest [voxels] */
+static const double chord = 0.25;      /* maximum chord error of the sweep of a turning blade [voxels] */
+static const double far_on = 0.3;      /* fraction of `drag`: above this distance per step no tissue is dragged */
 
 typedef struct knife {
     const pliant_model *model;
     pliant_data *data;
     int index;
     pliant_tool *tool;
-    double least, most; /* sizes of a voxel [m] */
-    double ahead;       /* how far a blade looks for what it would part: a voxel, or a tetrahedron [m] */
+    double least, most; /* smallest and largest voxel edge [m] */
+    double ahead;       /* distance ahead of a blade in which tissue resists: a voxel or a tetrahedron [m] */
 } knife;
 
 static double dot3(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -40,7 +44,7 @@ static double normalize(double v[3])
     return length;
 }
 
-/* how far tissue is dragged before it parts [m] */
+/* Return the distance that tissue is dragged before it is cut [m]. */
 static double reach_of(const knife *work) { return fmax(work->model->scene.cut.drag, work->most); }
 
 static void tell_failure(const knife *work)
@@ -60,7 +64,8 @@ static double longest_way(const pliant_edge *edge)
     return longest;
 }
 
-/* out = points moved by so much along their way from the cut's end to the blade; while the blade drags, all of them along its own [m] */
+/* Move points by a distance along their direction from the cut's end to the blade. While the blade drags, all points
+ * use the drag direction [m]. */
 static void extend(const pliant_blade *blade, const double *points, double by, double *out)
 {
     const pliant_edge *edge = &blade->edge;
@@ -74,9 +79,9 @@ static void extend(const pliant_blade *blade, const double *points, double by, d
     }
 }
 
-/* ---- parting */
+/* ---- cutting */
 
-/* what of toughness times area a report tells [J] */
+/* Return toughness times area of a report, summed over materials [J]. */
 static double energy_of(const knife *work, const pliant_cut_report *report)
 {
     double energy = 0;
@@ -85,7 +90,7 @@ static double energy_of(const knife *work, const pliant_cut_report *report)
     return work->model->scene.cut.resistance * energy;
 }
 
-/* The tissue parts between two places of the edge's points. false: it could not, and nothing has changed. */
+/* Cut the tissue between two positions of the edge's points. On an error return false and change nothing. */
 static bool part(const knife *work, const double *from, const double *to, pliant_cut_report *report)
 {
     pliant_cut_sweep sweep = {.count = work->tool->blade.edge.count, .from = from, .to = to, .material_of_voxel = work->model->material_of_voxel,
@@ -102,7 +107,7 @@ static bool part(const knife *work, const double *from, const double *to, pliant
     return true;
 }
 
-/* The same from the cut's end to the blade. */
+/* Cut the tissue from the cut's end to the blade. */
 static bool part_to_blade(const knife *work, pliant_cut_report *report)
 {
     pliant_blade *blade = &work->tool->blade;
@@ -111,7 +116,7 @@ static bool part_to_blade(const knife *work, pliant_cut_report *report)
     return part(work, edge->swept, edge->now, report);
 }
 
-/* The blade is the cut's end, and nothing was in its way. */
+/* Set the cut's end to the blade, without resistance. */
 static void go_free(const knife *work)
 {
     pliant_blade_loosen(work->tool);
@@ -126,8 +131,8 @@ static void part_freely(const knife *work)
 
 /* ---- resistance */
 
-/* What the tissue in front of the blade takes to part over the width that the edge is in [N]; 0: there is none ahead.
- * false: it cannot be known. */
+/* Compute the force that cuts the tissue ahead of the blade over this width of the edge [N]; 0: no tissue is ahead.
+ * Return false on an error. */
 static bool look_ahead(const knife *work, double width, double *force)
 {
     pliant_blade *blade = &work->tool->blade;
@@ -144,8 +149,10 @@ static bool look_ahead(const knife *work, double width, double *force)
     return true;
 }
 
-/* Points in no tissue go with the blade until they are in some, of which they part what is on their way. Whether any now is.
- * false: it could not be parted. */
+/* Move the edge's points that are outside tissue with the blade until they enter tissue. Cut the tissue on their
+ * path.
+ * @param touches out: whether any point entered tissue
+ * Return false if the tissue could not be cut. */
 static bool touch(const knife *work, bool *touches)
 {
     pliant_blade *blade = &work->tool->blade;
@@ -161,7 +168,7 @@ static bool touch(const knife *work, bool *touches)
     return part(work, edge->swept, edge->place, &report);
 }
 
-/* What the last step's way of the blade has taken, by the forces before and after it. */
+/* Add the work of the blade's motion in the last step, from the forces at both ends of it. */
 static void account(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
@@ -169,7 +176,7 @@ static void account(pliant_tool *tool)
     memcpy(blade->force, tool->force, sizeof blade->force);
 }
 
-/* Where the blade is, as the way that it has come since it began to drag. */
+/* Compute the blade's displacement since the drag began, without the part along the edge. */
 static void draw(pliant_tool *tool)
 {
     pliant_blade *blade = &tool->blade;
@@ -183,7 +190,7 @@ static void draw(pliant_tool *tool)
     for (int d = 0; d < 3; d++) blade->drawn[d] = middle[d] - slide * along[d];
 }
 
-/* The spring from what the edge is in to the blade; anew where that is other tissue than before. */
+/* Update the spring from the dragged tissue to the blade. `anew`: attach it to the tissue that the edge is in. */
 static void drag(const knife *work, bool anew)
 {
     pliant_tool *tool = work->tool;
@@ -201,11 +208,11 @@ static void drag(const knife *work, bool anew)
             held[d] += edge->place[3 * p + d] / inside;
             way[d] += (edge->now[3 * p + d] - edge->place[3 * p + d]) / inside;
         }
-    const double slide = dot3(way, along); /* the edge slides along itself */
+    const double slide = dot3(way, along); /* the edge slides along itself without resistance */
     for (int d = 0; d < 3; d++) tool->grip[d] = tool->tip[d] - (held[d] + way[d] - slide * along[d]);
 }
 
-/* How far the points that are in tissue are from the blade, on average. */
+/* Return the mean distance of the points in tissue from the blade. */
 static double mean_way(const pliant_edge *edge)
 {
     double sum = 0;
@@ -218,8 +225,8 @@ static double mean_way(const pliant_edge *edge)
     return inside > 0 ? sum / inside : 0;
 }
 
-/* Parts up to the blade, and books what that took; the blade is the cut's end. Tetrahedra that are subdivided part a triangle at a time, behind the
- * blade: what it swept is booked. */
+/* Cut up to the blade and subtract the energy of the cut from the work. Subdivided tetrahedra are cut one triangle
+ * at a time, behind the blade. For them the energy is computed from the swept distance. */
 static bool part_by_force(const knife *work, double reach)
 {
     pliant_cut_report report;
@@ -230,7 +237,7 @@ static bool part_by_force(const knife *work, double reach)
     return true;
 }
 
-/* Tissue is let go for a step, and comes back over the edge; it parts then, as it lies without a load. */
+/* Release the tissue for a step. It returns over the edge and is cut in its unloaded state. */
 static void slip(const knife *work, const double anchor[3])
 {
     pliant_blade *blade = &work->tool->blade;
@@ -240,7 +247,8 @@ static void slip(const knife *work, const double anchor[3])
     draw(work->tool);
 }
 
-/* Whether tissue that was let go still comes back: with inertia it takes more than a step. `swept` is where the edge was then. */
+/* Return whether released tissue still moves back: with inertia that takes more than a step. `swept` is the edge in
+ * the tissue at the release. */
 static bool comes_back(const knife *work)
 {
     const pliant_edge *edge = &work->tool->blade.edge;
@@ -255,7 +263,8 @@ static bool comes_back(const knife *work)
     return farthest > pow(chord * work->least, 2);
 }
 
-/* Whether the blade goes so far in a step that a saw-tooth of `reach` would be seen at a few places of it. `now` is where the step takes it. */
+/* Return whether the blade moves so far in this step that steps cannot resolve a saw-tooth of length `drag`. `now`
+ * is the blade at the end of the step. */
 static bool goes_far(const knife *work, const double last[3])
 {
     const pliant_edge *edge = &work->tool->blade.edge;
@@ -268,8 +277,9 @@ static bool goes_far(const knife *work, const double last[3])
     return work->data->body->voxels && sqrt(fmax(dot3(way, way) - slide * slide, 0)) > far_on * reach_of(work);
 }
 
-/* A step that goes far: tissue that lies free has parted up to the blade, and is not dragged along. Work is counted by the forces before and after a
- * step: what is felt is `force`, less what the balance is beyond 0 by when a step that ends with `force` is counted, over the step's way. */
+/* Make a step in which the blade moves far: unloaded tissue is cut up to the blade without drag. The blade's force
+ * is the mean force `force`, corrected so that the balance of work returns to 0. The step's work is counted by the
+ * trapezoidal rule, hence the mean of `before` and `force`. */
 static void go_on(const knife *work, double force, const double last[3])
 {
     pliant_tool *tool = work->tool;
@@ -282,8 +292,9 @@ static void go_on(const knife *work, double force, const double last[3])
     for (int d = 0; d < 3; d++) blade->parting[d] = way > 0 ? felt * blade->drawn[d] / way : 0;
 }
 
-/* Parts what is due of tissue that was let go. false: it could not be parted, or tissue still comes back: no more in this step.
- * @param last the middle of the edge in the last step */
+/* Cut the tissue that was released. Return false if that failed or if tissue still moves back; then the blade does
+ * nothing else in this step.
+ * @param last middle of the edge in the last step */
 static bool catch_up(const knife *work, const double last[3])
 {
     pliant_blade *blade = &work->tool->blade;
@@ -298,7 +309,9 @@ static bool catch_up(const knife *work, const double last[3])
     return !back;
 }
 
-/* @param last the middle of the edge in the last step; far: the step goes far */
+/* Move a blade against resistance: drag tissue, slip or cut.
+ * @param last middle of the edge in the last step
+ * @param far the blade moves far in this step (goes_far) */
 static void press(const knife *work, const double last[3], bool far)
 {
     pliant_tool *tool = work->tool;
@@ -334,7 +347,7 @@ static void press(const knife *work, const double last[3], bool far)
 
 /* ---- a step */
 
-/* Which part of a step's turn still lies within `chord` of the strip between the edges before and after it: that many of them. */
+/* Return the number of parts of a turn whose sweeps stay within the chord error. */
 static int32_t turns_of(const knife *work)
 {
     const pliant_blade *blade = &work->tool->blade;
@@ -353,7 +366,7 @@ static void begin(const knife *work)
     if (pliant_blade_begin(work->data, work->index, 0.5 * work->least, reach) != PLIANT_OK) tell_failure(work);
 }
 
-/* Return the way of the edge's faster end from the blade's previous pose [m]. */
+/* Return the distance that the edge's faster end has moved since the blade's previous pose [m]. */
 static double way_of(const knife *work)
 {
     const pliant_blade *blade = &work->tool->blade;
@@ -368,7 +381,7 @@ static double way_of(const knife *work)
     return far;
 }
 
-/* Whether the blade is too fast to cut in this step. It warns once while the blade is on. */
+/* Return whether the blade is too fast to cut in this step. Warn once while the blade is on. */
 static bool has_jumped(const knife *work)
 {
     pliant_blade *blade = &work->tool->blade;

@@ -1,4 +1,4 @@
-/* Cutting: the first stage of a step, and what can be undone. */
+/* The cut stage, the first stage of a step, and the topologies for undo. */
 #ifndef PLIANT_SIM_CUT_H
 #define PLIANT_SIM_CUT_H
 
@@ -9,18 +9,21 @@
 extern "C" {
 #endif
 
-/* What blades sweep through in this step is severed, as far as its toughness lets it. What goes wrong is logged, once a stroke, and leaves
- * everything as it was: the step goes on. Always OK. */
+/* Cut the tissue that the blades sweep through in this step, up to the limit that its toughness sets. An error is
+ * logged once for each stroke and leaves the state unchanged; the step continues. Always return PLIANT_OK. */
 pliant_status pliant_cut_stage(const pliant_model *model, pliant_data *data);
 
-/* What a sweep severs becomes the simulation's body; the one before can be had again. Nothing severed: nothing changes.
- * @param tool -1: of pliant_data_cut; @param report out. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT. */
+/* Cut along a sweep and install the new topology; the previous one is kept for undo. A sweep that cuts nothing
+ * changes nothing.
+ * @param tool -1: for pliant_data_cut; @param report out
+ * Errors: MEMORY, NUMERIC, SCENE, ARGUMENT. */
 pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, int tool, const pliant_cut_sweep *sweep, pliant_cut_report *report);
 
-/* rehearse.c: what a first cut asks for is there afterwards, as far as it can be had, and nothing else is another. */
+/* rehearse.c: make and discard cuts, so that the first real cut finds its memory, threads and kernels ready. Nothing
+ * else changes. Failures are ignored. */
 void pliant_rehearse_cut(const pliant_model *model, pliant_data *data);
 
-/* Nothing can be undone any more. */
+/* Discard all topologies for undo. */
 void pliant_undo_clear(pliant_data *data);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Making and freeing the mutable data. */
+/* Creation and destruction of a simulation. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "base/room.h"

@@ -1,10 +1,10 @@
-/* What is made for a simulation counts as its own. */
+/* Account the memory that is allocated for a simulation to that simulation. */
 #ifndef PLIANT_SIM_HELD_H
 #define PLIANT_SIM_HELD_H
 
 #include "state/data.h"
 
-/* Who begins hands what begin returned to the end. */
+/* Begin and end the accounting. The end needs the value that the begin returned. */
 static inline pliant_account *pliant_held_begin(const pliant_data *data) { return pliant_account_use(data->account); }
 static inline void pliant_held_end(pliant_data *data, pliant_account *before)
 {
@@ -12,7 +12,7 @@ static inline void pliant_held_end(pliant_data *data, pliant_account *before)
     pliant_account_use(before);
 }
 
-/* pliant_data_create, for an account, which it shares */
+/* As pliant_data_create, with an account that the simulation shares. */
 pliant_status pliant_data_create_for(const pliant_model *model, pliant_account *account, pliant_data **out);
 
 #endif

@@ -26,9 +26,9 @@ static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
     return way > model->contact.max_tool_speed * model->scene.solver.step || way > model->scene.contact.max_proxy_error;
 }
 
-/* Place the proxy of a new tool at its target. If it is then inside tissue, it is released: it has no contact until
- * it is outside again. If the target has jumped, place the proxy there only when no tissue is there; otherwise leave
- * it where it is. */
+/* Set the proxy of a new tool to its target. If it is then inside tissue, it is released: it has no contact until
+ * it is outside again. If the target has jumped, set the proxy to it only when no tissue is there; otherwise the
+ * proxy stays. */
 static pliant_status place_proxy(const pliant_model *model, pliant_data *data, int t)
 {
     pliant_tool *tool = data->tools + t;
@@ -47,7 +47,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
     return PLIANT_OK;
 }
 
-/* Return the grasp constraint of a tool: the one of its patch, or the one of the model. */
+/* Return the grasp constraint of a tool, from its patch or from the model. */
 static pliant_handle *handle_of(const pliant_data *data, int tool) { return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL; }
 
 static pliant_status begin_step(const pliant_model *model, pliant_data *data)
@@ -132,8 +132,8 @@ static double choose_share(const pliant_model *model, pliant_data *data)
     return share;
 }
 
-/* Explicit dynamics: choose how many sub-steps may use one set of contact points. Return their fraction of the
- * remaining ones. */
+/* Explicit dynamics: choose the number of sub-steps that may use one set of contact points. Return their fraction
+ * of the remaining ones. */
 static double choose_part(const pliant_model *model, pliant_data *data)
 {
     pliant_tled *tled = data->tled;
@@ -152,7 +152,7 @@ static double limit_speed(const pliant_model *model, const pliant_data *data, co
     return way > most ? most / way : 1;
 }
 
-/* Set the goals of all proxies for this leg, place the tools at the predicted poses, and move the grasp targets
+/* Set the goals of all proxies for this leg, move the tools to the predicted poses, and move the grasp targets
  * along with the goals. */
 static void set_goals(const pliant_model *model, pliant_data *data, double share)
 {
@@ -349,7 +349,7 @@ static pliant_status go(const pliant_model *model, pliant_data *data, double *sh
 
 /* ---- the step */
 
-/* What is left of the step for further legs. */
+/* The part of the step that remains for further legs. */
 typedef struct leg_budget { int32_t evaluations, spent /* at least 1 in each leg */, iterations; double left, gone; int blocked; bool first; } leg_budget;
 
 /* Return the number of evaluations for this leg, in addition to the first one. After a blocked leg return 0: one

@@ -3,7 +3,7 @@
  * Each tool has two poses. The target pose is measured. The proxy pose is simulated, and contact happens at the
  * proxy. A virtual coupling pulls the proxy towards the target (proxy.h). A leg is one straight motion of all nodes,
  * together with all proxies. It has five parts:
- * 1. Choose how far the proxies may go in this leg: about half an element near tissue (choose_share, set_goals).
+ * 1. Choose the distance of the proxies in this leg: about half an element near tissue (choose_share, set_goals).
  * 2. Find contact points between the tissue and the parts of tools (pliant_contact_stage).
  * 3. Solve for the new positions and the contact forces, upsample them, and solve the patches (lead).
  * 4. Compute the largest fraction of the leg at which no surface enters the core of a part (pliant_contact_advance).
@@ -58,11 +58,11 @@ struct pliant_legs {
 
 /* Run the stages contact, solve, upsample and patch.
  * @param caveat out: status of the last leg, such as PLIANT_NOT_CONVERGED
- * Errors: those of the stages. */
+ * Errors: as of the stages. */
 pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat);
 void pliant_legs_free(pliant_data *data);
 /* Run single stages, for tests. find: find the contact points of a leg in which all proxies go to their targets.
- * arrive: place the proxies there. Errors: MEMORY. */
+ * arrive: set the proxies to these poses. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);
 void pliant_legs_arrive(pliant_data *data);
 
@@ -75,7 +75,7 @@ pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *dat
 /* Shorten the motion of single nodes so that no element inverts (contact/advance/volume.h). */
 pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
 /* Explicit dynamics. add: add the contact forces of a part of the step, times its fraction of the step, to the
- * step's means. tell: publish these means. Errors: MEMORY. */
+ * step's means. tell_forces: publish these means. Errors: MEMORY. */
 pliant_status pliant_legs_add_forces(pliant_data *data, double share);
 void pliant_legs_tell_forces(pliant_data *data);
 

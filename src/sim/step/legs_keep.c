@@ -34,7 +34,7 @@ static void fix_pieces(const pliant_data *data, double *solved)
     }
 }
 
-/* Return the grasp constraint of a tool: the one of its patch, or the one of the model. */
+/* Return the grasp constraint of a tool, from its patch or from the model. */
 static pliant_handle *handle_of(const pliant_data *data, int tool) { return pliant_patch_solver(data, tool)->handles + tool; }
 
 pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data)

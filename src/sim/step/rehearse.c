@@ -1,5 +1,5 @@
-/* A first cut, thrown away, before there is one: what it asks for is found then, and no stroke waits until the system has found and cleared it, threads
- * have begun and kernels are there. */
+/* Make cuts before the first real one, and discard them. Memory is then allocated and cleared, threads are started,
+ * and kernels are loaded, so the first stroke is not delayed. */
 #include "backend/backend.h"
 #include "base/room.h"
 #include "fem/quasistatic/solver.h"
@@ -10,10 +10,10 @@
 
 #include <math.h>
 
-/* As many bodies as there are at once: that at hand, the next, and the one before, which a solver may still hold. */
+/* Topologies that exist at once: the current one, the next one, and the previous one, which a solver may still use. */
 enum { BODIES = 3, POINTS = 17 };
 
-/* A strip across the middle of a body at rest, a third of it wide, beside those before. */
+/* Compute a strip across the middle of the mesh at rest, a third of its width, next to the previous strips. */
 static void find_strip(const pliant_mesh *mesh, int number, double from[3 * POINTS], double to[3 * POINTS])
 {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -31,7 +31,8 @@ static void find_strip(const pliant_mesh *mesh, int number, double from[3 * POIN
     }
 }
 
-/* *next stays NULL where the strip severs nothing. solver: NULL, or where that of the next body goes. */
+/* Make one cut. *next stays NULL if the strip cuts nothing.
+ * @param solver NULL, or out: the solver of the next topology */
 static pliant_status go_on(const pliant_model *model, const pliant_data *data, const pliant_discretization *before, int number, const pliant_discretization **next,
                            pliant_solver **solver)
 {

@@ -1,4 +1,4 @@
-/* A step that fails leaves the state that it began with. */
+/* Restore the state at the start of a step that fails. */
 #include "sim/step/state.h"
 
 #include "backend/backend.h"
@@ -10,7 +10,7 @@
 
 #include <string.h>
 
-/* A grasp's arrays, which a step frees where the tissue slips out of it. */
+/* Arrays of a grasp. A step frees them when the tissue slips out of the grasp. */
 typedef struct spare { int32_t room, *held; double *weight; } spare;
 
 struct pliant_rollback {
@@ -59,10 +59,10 @@ static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
     const pliant_tool now = *tool;
     *tool = rollback->state.tools[t];
     tool->shape = now.shape;
-    tool->blade.edge = now.blade.edge; /* which only the cut stage changes */
+    tool->blade.edge = now.blade.edge; /* only the cut stage changes it */
     tool->held = now.held;
     tool->weight = now.weight;
-    if (now.num_held != tool->num_held) { /* it has slipped off */
+    if (now.num_held != tool->num_held) { /* the grasp has slipped off */
         spare *of = rollback->spare + t;
         pliant_free(now.held);
         pliant_free(now.weight);
@@ -73,11 +73,11 @@ static void undo_tool(pliant_rollback *rollback, pliant_data *data, int t)
     pliant_state_grasp(&rollback->state, t, tool->held, tool->weight);
 }
 
-/* Once all tools are as they were. */
+/* Restore a grasp force. All tools must be restored already. */
 static void undo_pull(const pliant_state *state, pliant_data *data, int t)
 {
     pliant_handle *handle = pliant_patch_solver(data, t)->handles + t;
-    data->tools[t].attached = data->tools[t].attached && handle->active; /* or it is attached again in the next step */
+    data->tools[t].attached = data->tools[t].attached && handle->active; /* otherwise the next step attaches it again */
     memcpy(handle->force, state->grasp_force[t], sizeof handle->force);
 }
 
@@ -100,7 +100,7 @@ void pliant_rollback_undo(const pliant_model *model, pliant_data *data)
         for (int t = 0; t < data->num_tools; t++) undo_pull(state, data, t);
         if (rollback->has_tissue && pliant_patch_serves(data) > 0) pliant_patch_moved(data, data->positions);
     }
-    (void)pliant_backend_restart(model, data); /* or the CPU continues, which cannot fail */
+    (void)pliant_backend_restart(model, data); /* if this fails, the CPU continues */
 }
 
 void pliant_rollback_free(pliant_rollback *rollback)

@@ -6,7 +6,7 @@
 #include "base/threads.h"
 #include "state/data.h"
 
-/* Runs one, and adds its time to that of the stage. */
+/* Run a stage and add its time to the statistics. */
 static inline pliant_status pliant_run_stage(const pliant_model *model, pliant_data *data, int stage, pliant_status (*function)(const pliant_model *, pliant_data *))
 {
     const double start = pliant_seconds();

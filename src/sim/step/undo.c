@@ -1,4 +1,4 @@
-/* What a cut makes of a simulation, cuts at once, and bodies from before them. */
+/* Results of cuts, cuts without a tool, and undo. */
 #include "base/fail.h"
 #include "sim/api/data.h"
 #include "tool/blade.h"
@@ -16,7 +16,7 @@ static pliant_status make_room(pliant_data *data, int32_t most)
     return pliant_fail_memory("what a cut can be undone by");
 }
 
-/* A body from before a stroke; it is released where another one of this stroke is there. */
+/* Keep a topology from before a stroke, or release it if there is already one for this stroke. */
 static void keep(pliant_data *data, int32_t most, const pliant_body *body, int tool, uint64_t stroke)
 {
     pliant_undo *undo = &data->undo;
@@ -59,9 +59,10 @@ pliant_status pliant_data_sever(const pliant_model *model, pliant_data *data, in
     return status;
 }
 
-/* ---- at once */
+/* ---- cuts without a tool */
 
-/* Points of a line, at most `spacing` apart. @param out Nullable: (as many as it returns, x 3), each moved by `by` */
+/* Sample a polyline with at most `spacing` between points. Return the number of points.
+ * @param out Nullable: (points x 3), each moved by `by` */
 static int32_t sample_line(int32_t count, const double *points, double spacing, const double by[3], double *out)
 {
     int32_t made = 0;
@@ -75,7 +76,7 @@ static int32_t sample_line(int32_t count, const double *points, double spacing, 
     return made;
 }
 
-/* Whether the depth spans an area with some segment of the line. */
+/* Return whether the depth and some segment of the polyline span an area. */
 static bool spans_area(int32_t count, const double *points, const double depth[3])
 {
     for (int32_t p = 1; p < count; p++) {
