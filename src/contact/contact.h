@@ -1,10 +1,11 @@
-/* Contact: where tissue touches instruments, ground, or tissue, and with what force.
+/* Contact points of tissue with instruments, ground and tissue.
  *
- * Who finds contacts (shapes.h: rigid obstacles; tissue.h: tissue that meets tissue) writes them as points; who solves (fem/quasistatic,
- * fem/dynamics) reads these alone. At a point c the gap is
- *     g(x) = n'(sum_k w_k x_k - p),   g >= 0,   l_n >= 0,   g l_n = 0   (Signorini),   |l_t| <= mu l_n   (Coulomb),
- * where w are weights of fine nodes: of a point of the surface (sum 1) and, where tissue meets tissue, minus those of the other side (sum 0).
- * p is a point of the obstacle, which moves with it; n points out of it. */
+ * Collision detection (find.h: rigid parts; tissue.h: tissue on tissue) writes contact points. The solvers
+ * (fem/quasistatic, fem/dynamics) read only these points. At a contact point the conditions are
+ *     g(x) = n'(sum_k w_k x_k - p),   g >= 0,   l_n >= 0,   g l_n = 0   (Signorini),   |l_t| <= mu l_n   (Coulomb).
+ * g is the gap. The weights w belong to fine nodes. They describe a point of the surface (sum 1). For tissue on
+ * tissue the weights of the other side are subtracted (sum 0). p is a point of the obstacle and moves with it. The
+ * normal n points out of the obstacle. */
 #ifndef PLIANT_CONTACT_CONTACT_H
 #define PLIANT_CONTACT_CONTACT_H
 
@@ -17,49 +18,55 @@
 extern "C" {
 #endif
 
-enum { PLIANT_CONTACT_NODES = 16 }; /* of a corner of a surface within cubes and three others, four each (outside.h) */
+/* worst case: a corner of a surface inside cubes and three others, four nodes each (outside.h) */
+enum { PLIANT_CONTACT_NODES = 16 };
 
-/* What a point touches. */
+/* The obstacle of a contact point. */
 typedef enum pliant_obstacle {
     PLIANT_OBSTACLE_TOOL,
     PLIANT_OBSTACLE_GROUND,
     PLIANT_OBSTACLE_TISSUE,
-    PLIANT_OBSTACLE_ELEMENT /* none: an element keeps its least volume (contact/advance/volume.h) */
+    PLIANT_OBSTACLE_ELEMENT /* no obstacle: the volume bound of an element (contact/advance/volume.h) */
 } pliant_obstacle;
 
 typedef struct pliant_contact_point {
-    /* INPUT, by who finds it */
-    uint64_t feature;       /* of the surface (node, edge, triangle) and of the obstacle: the same from step to step while it is the same contact */
+    /* INPUT, written by collision detection */
+    /* identifies the feature of the surface (node, edge, triangle) and the obstacle; constant while the contact
+     * lasts */
+    uint64_t feature;
     pliant_obstacle kind;
-    int32_t tool, part;     /* of PLIANT_OBSTACLE_TOOL; -1: another */
-    int32_t count;          /* of the nodes, all different */
-    int32_t node[PLIANT_CONTACT_NODES];   /* fine */
+    int32_t tool, part;     /* for PLIANT_OBSTACLE_TOOL; otherwise -1 */
+    int32_t count;          /* number of nodes, all different */
+    int32_t node[PLIANT_CONTACT_NODES];   /* of the fine mesh */
     double weight[PLIANT_CONTACT_NODES];
-    double normal[3];       /* unit, out of the obstacle: tissue is pushed along it */
-    double place[3];        /* p, where the obstacle is at the end of the step [m] */
-    double drift[3];        /* how far p moved in the step, as a point of the obstacle [m] */
-    double area;            /* of the surface that it stands for, at rest [m^2] */
-    double friction;        /* Coulomb's mu */
-    int32_t jaw;            /* of a tool: 1 or -1 on what turns with half of its jaws' angle, or with minus half; 0: neither */
-    /* OUTPUT, by who solves; kept from step to step for the same feature */
-    double force[3];        /* on the tissue at the weights' point [N] */
-    double anchor[3];       /* where it sticks on the obstacle, less p [m] */
-    bool begun;             /* false: a new contact; it sticks where the tissue is before the step, moved with the obstacle */
+    double normal[3];       /* unit vector out of the obstacle; the contact force on the tissue points along it */
+    double place[3];        /* p at the end of the step [m] */
+    double drift[3];        /* motion of p in the step, as a point of the obstacle [m] */
+    double area;            /* area of the surface that the point represents, at rest [m^2] */
+    double friction;        /* coefficient of friction mu */
+    int32_t jaw; /* for a tool: 1 or -1 on a jaw that turns by plus or minus half the jaw angle; otherwise 0 */
+    /* OUTPUT, written by the solver; kept from step to step for the same feature */
+    double force[3];        /* on the tissue, at the weighted point [N] */
+    double anchor[3];       /* sticking position on the obstacle, relative to p [m] */
+    bool begun; /* false: a new contact; it sticks at the tissue's position before the step, moved with the obstacle */
 } pliant_contact_point;
 
-/* All points of a step, ascending by feature. */
+/* All contact points of a step, sorted by feature. */
 typedef struct pliant_contacts {
     int32_t count, room;
     pliant_contact_point *point;
 } pliant_contacts;
 
-/* How deep tissue is in what it touches as a step ends, of how deep it is as the step begins; 0 or less [m].
- *  @param recovery at most this comes out [m]
- *  @param stays    and at least this share is left: where tissue swings, what puts it out at once gives it energy */
+/* Return the permitted gap at the end of a step, which is 0 or less [m].
+ * @param gap at the start of the step, negative inside the obstacle [m]
+ * @param recovery maximum reduction of the penetration depth in the step [m]
+ * @param stays fraction of the penetration depth that remains at least; with inertia, a sudden removal would add
+ *   energy */
 PLIANT_INLINE double pliant_contact_left(double gap, double recovery, double stays) { return fmin(fmin(gap + recovery, gap * stays), 0.0); }
 
-/* Who finds contacts: what a point takes over from that of the same feature in the step before. Its anchor goes with the obstacle, and other
- * weights than before are no slip.  positions: (fine nodes x 3) that the step begins with [m] */
+/* Copy force and anchor from the previous point of the same feature. The anchor moves with the obstacle. A change
+ * of the weights is not counted as slip.
+ * @param positions (fine nodes x 3) at the start of the step [m] */
 PLIANT_INLINE void pliant_contact_carry(const pliant_contact_point *before, const double *positions, pliant_contact_point *now)
 {
     for (int d = 0; d < 3; d++) {

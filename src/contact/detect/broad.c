@@ -19,7 +19,7 @@ static pliant_status make_room(pliant_broad *broad, int32_t triangles)
 
 typedef struct box { double low[3], high[3]; } box;
 
-/* around a part as the leg begins and as far as it looks */
+/* Return the box around a part's motion in the leg and its margin. */
 static box box_of(const pliant_moving_part *part)
 {
     box around;

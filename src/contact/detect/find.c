@@ -1,5 +1,6 @@
-/* Where rigid parts are nearest to nodes, edges and triangles of the tissue's surface. As a leg begins no tissue is in a part's core, so that the nearest point
- * of a core says on which side the tissue is: nothing has to be remembered. */
+/* Nearest points of rigid parts to nodes, edges and triangles of the tissue's surface. No tissue is in a part's
+ * core at the start of a leg. Therefore the nearest point of the core, and the normal there, are unique for a
+ * convex part. */
 #include "contact/detect/finder.h"
 
 #include <math.h>
@@ -21,7 +22,7 @@ typedef struct search {
 
 /* ---- features of the triangles near a part */
 
-enum { NODE_BITS = 26 /* of a key */ };
+enum { NODE_BITS = 26 /* bits per number in a key */ };
 enum feature_kind { A_NODE, AN_EDGE, A_FACE, A_PLANE };
 
 static uint64_t key_of(enum feature_kind kind, uint64_t a, uint64_t b) { return (uint64_t)kind << (2 * NODE_BITS) | a << NODE_BITS | b; }
@@ -32,7 +33,7 @@ static int compare_features(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* sort, and leave out what is there twice. @return how many are left */
+/* Sort keys and remove duplicates. Return the number of keys left. */
 static int32_t sort_keys(uint64_t *keys, int32_t count)
 {
     int32_t left = 0;
@@ -44,7 +45,6 @@ static int32_t sort_keys(uint64_t *keys, int32_t count)
 
 static uint64_t edge_key(int32_t a, int32_t b) { return a < b ? key_of(AN_EDGE, (uint64_t)a, (uint64_t)b) : key_of(AN_EDGE, (uint64_t)b, (uint64_t)a); }
 
-/* a triangle by its number */
 static uint64_t face_key(int32_t triangle) { return key_of(A_FACE, (uint64_t)triangle, 0); }
 
 static void add(double sum[3], const double v[3])
@@ -52,7 +52,7 @@ static void add(double sum[3], const double v[3])
     for (int d = 0; d < 3; d++) sum[d] += v[d];
 }
 
-/* the triangle's normal, as long as twice its area */
+/* Compute the triangle's normal times twice its area. */
 static void cross_of(const double *at, const int32_t *nodes, double out[3])
 {
     double a[3], b[3];
@@ -99,7 +99,7 @@ static void gather(search *on)
     }
 }
 
-/* ---- where a part is nearest to a feature */
+/* ---- nearest point of a part to a feature */
 
 static bool is_held(const pliant_moving_part *part, int32_t node)
 {
@@ -112,7 +112,7 @@ static bool is_held(const pliant_moving_part *part, int32_t node)
     return low < part->num_held && part->held[low] == node;
 }
 
-/* what its tool holds, and what cannot move of what does not */
+/* Held features, and fixed tissue against fixed obstacles, have no contact. */
 static bool leaves_out(const search *on, const pliant_feature *of)
 {
     bool held = true, fixed = on->part->kind != PLIANT_OBSTACLE_TOOL;
@@ -123,7 +123,7 @@ static bool leaves_out(const search *on, const pliant_feature *of)
     return held || fixed;
 }
 
-/* From the part's surface in a pose. normal: of the core, in the part's frame */
+/* Return the distance of a feature from the part's surface at a pose. normal: out of the core, in the part's frame */
 static double distance_of(const search *on, const pliant_pose *pose, pliant_feature *of, double enough, double normal[3])
 {
     double local[3][3];
@@ -152,8 +152,9 @@ static void pose_at(const pliant_moving_part *part, double share, pliant_pose *o
     pliant_part_pose(part->shape, part->part->frame, between.tip, between.rotation, between.jaw, out);
 }
 
-/* Where the part first meets the feature on its way, which stays where it is; or where it is nearest as the leg ends. The part goes on by what it cannot reach the
- * feature in. @return its distance there, or more than the margin */
+/* Find the first pose on the part's motion at which it meets the feature, by conservative advancement. The feature
+ * stays at its position. If they do not meet, use the end of the leg. Return the distance there, or more than the
+ * margin. */
 static double meet(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3])
 {
     enum { MOST = 64 };
@@ -169,7 +170,8 @@ static double meet(const search *on, pliant_feature *of, pliant_pose *pose, doub
     }
 }
 
-/* A part that slides along a feature, or presses it, is on the same side of it as the leg ends: it is nearest there to another point of the feature. */
+/* A part that slides along a feature or presses on it is on the same side of it at the end of the leg. Then use its
+ * nearest point at the end. */
 static void go_on_to_end(const search *on, pliant_feature *of, pliant_pose *pose, double normal[3], double *distance)
 {
     const pliant_moving_part *part = on->part;
@@ -185,7 +187,8 @@ static void go_on_to_end(const search *on, pliant_feature *of, pliant_pose *pose
     *distance = apart;
 }
 
-/* The part's surface point and its normal go with the part; what was deep in it as the leg begins comes out little by little. */
+/* Move the part's nearest point and normal with the part to the end of the leg. A penetration depth at the start of
+ * the leg is reduced gradually. */
 static void carry_to_end(const search *on, pliant_feature *of, const double point[3], const double normal[3], const double place[3])
 {
     const pliant_moving_part *part = on->part;
@@ -205,7 +208,8 @@ static void carry_to_end(const search *on, pliant_feature *of, const double poin
     of->touches = true;
 }
 
-/* Tissue in the middle of a core is of a part that was placed there: its own normal says which way is out. false: it has none */
+/* Tissue at the center of a core has no distance gradient. Use the tissue's own normal as the direction out of the
+ * part. Return false if the normal is 0. */
 static bool turn_outwards(const search *on, const pliant_pose *pose, const pliant_feature *of, const double local[3], double normal[3], double place[3])
 {
     const double area = sqrt(dot(of->outwards, of->outwards));
@@ -239,9 +243,9 @@ static void look(const search *on, pliant_feature *of)
     carry_to_end(on, of, point, normal, place);
 }
 
-/* ---- which features have points */
+/* ---- features that get contact points */
 
-/* Whether its point pushed in the leg before */
+/* Return whether the feature had a contact force in the previous leg. */
 static bool has_pressed(const search *on, const pliant_feature *of)
 {
     const uint64_t key = on->part_key << 56 | of->key;
@@ -255,13 +259,15 @@ static bool has_pressed(const search *on, const pliant_feature *of)
     return before && low < before->count && before->point[low].feature == key && before->point[low].begun;
 }
 
-/* The gap of what borders a feature, if it says the same: along about the same normal. Otherwise the feature is needed, however deep it is. */
+/* Return the gap of an adjacent feature if its normal is nearly the same. Otherwise return INFINITY, because its
+ * contact point cannot replace this one. */
 static double gap_of(const search *on, const pliant_feature *border, const pliant_feature *of)
 {
     return border->touches && dot(border->normal, of->normal) > on->finder->settings.same_cosine ? border->gap : INFINITY;
 }
 
-/* An edge or a triangle touches where it is deeper than what borders it; one that has pushed goes on until it is higher. */
+/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. One that had contact keeps
+ * it until it is higher by `sag`. */
 static void keep_if_deeper(const search *on, pliant_feature *of, double gap, double size)
 {
     const pliant_contact_settings *settings = &on->finder->settings;
@@ -291,7 +297,8 @@ static void keep_deeper(const search *on)
     }
 }
 
-/* A triangle's area goes to its corners, and to its edges and itself where they touch, in equal parts. */
+/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. A point that had contact
+ * stays until it is higher than these by `sag`. */
 static void share_areas(const search *on)
 {
     pliant_finder *finder = on->finder;
@@ -310,7 +317,7 @@ static void share_areas(const search *on)
     }
 }
 
-/* ---- what comes of it */
+/* Divide each triangle's area equally among its corners, and its edges and itself if they have contact. */
 
 static int32_t jaw_of(const pliant_moving_part *part)
 {
@@ -333,7 +340,7 @@ static void write(const search *on, const pliant_feature *of, pliant_contact_poi
     memcpy(out->drift, of->drift, sizeof of->drift);
 }
 
-/* touching features, ascending. @return how many are left */
+/* Keep and sort the features with contact. Return their number. */
 static int32_t compact(pliant_feature *features, int32_t count)
 {
     int32_t left = 0;
@@ -343,13 +350,16 @@ static int32_t compact(pliant_feature *features, int32_t count)
     return left;
 }
 
-/* Deep in the guard zone all of a triangle stays behind the plane between it and the core: a convex inner approximation of where it is free, so that the next
- * leg passes what has stopped the last one (CONTACT: plane constraints). The plane lies a little further out than the triangle is, or as far as it is. */
+/* Add a plane constraint: all corners of a triangle stay beyond the plane that separates it from the core. Such
+ * planes are a convex inner approximation of the free states, so the next leg passes the pair that blocked the last
+ * one. Far from the core the plane is slightly nearer to the core than the triangle. Near the core it is slightly
+ * farther, so that it pushes the triangle out. */
 static void write_plane(const search *on, const pliant_feature *face, double distance, int32_t triangle, const double normal[3], pliant_contacts *out)
 {
     const pliant_moving_part *part = on->part;
     const double step = on->finder->settings.plane_step, left = part->guard - part->off, core = distance + left, least = 0.5 * on->finder->settings.plane_distance * left;
-    const double away = (core < least ? core + step * left : (1 - step) * core) - core; /* of the plane, beyond the triangle's nearest point */
+    /* offset of the plane from the triangle's nearest point */
+    const double away = (core < least ? core + step * left : (1 - step) * core) - core;
     double point[3], local[3], place[3], before[3];
     point_of(on, face, point);
     pliant_pose_from(&part->begin, point, local);
@@ -379,7 +389,7 @@ static void add_planes(const search *on, pliant_contacts *out)
     }
 }
 
-/* Points of a part, ascending. Planes come last: their kind is the highest. */
+/* Append the points of a part, sorted by feature. Planes are last because their kind is the highest. */
 static pliant_status append(search *on, pliant_contacts *out)
 {
     pliant_finder *finder = on->finder;

@@ -1,4 +1,4 @@
-/* Contacts of the tissue's surface with rigid parts that move: the points of a leg. */
+/* Contact points of the tissue's surface with moving rigid parts, for one leg. */
 #ifndef PLIANT_CONTACT_FIND_H
 #define PLIANT_CONTACT_FIND_H
 
@@ -10,42 +10,46 @@
 extern "C" {
 #endif
 
-/* A part in a leg. Its core, everything deeper than the guard depth below its surface, has no tissue in it as the leg begins (contact/advance). */
+/* A rigid part in a leg. Its core is everything deeper than the guard depth below its surface. No tissue is in the
+ * core at the start of the leg (contact/advance). */
 typedef struct pliant_moving_part {
     const pliant_part *part;
     pliant_obstacle kind;
-    int32_t tool, index;     /* of PLIANT_OBSTACLE_TOOL: tool and part; otherwise -1 and which obstacle */
+    int32_t tool, index;     /* for PLIANT_OBSTACLE_TOOL: tool and part; otherwise -1 and the obstacle's number */
     double friction;
-    pliant_pose begin, end;  /* where it is as the leg begins, and where it shall go */
-    const pliant_tool_shape *shape; /* Nullable: it stands still */
-    pliant_tool_pose from, to; /* of its tool, with that */
-    double way;              /* no point of it goes further [m] */
-    double guard;            /* depth of its core below its surface [m] */
-    double off;              /* by which that core is larger, since the part's distances may be off by it [m] */
-    double margin;           /* points are looked for up to this distance from its surface [m] */
-    double recovery;         /* of how far tissue is in it as the leg begins, at most this is undone [m] */
-    double stays;            /* and this share of it is left (pliant_contact_left) */
+    pliant_pose begin, end;  /* poses at the start and at the end of the leg */
+    const pliant_tool_shape *shape; /* Nullable: the part is fixed */
+    pliant_tool_pose from, to; /* poses of the tool, if there is a shape */
+    double way;              /* upper bound of the motion of the part's points [m] */
+    double guard;            /* depth of the core below the surface [m] */
+    double off;              /* enlargement of the core by the error of the part's distance field [m] */
+    double margin;           /* maximum distance from the surface for contact points [m] */
+    double recovery;         /* maximum reduction of the penetration depth in the leg [m] */
+    double stays;            /* fraction of the penetration depth that remains (pliant_contact_left) */
     int32_t num_held;
-    const int32_t *held;     /* (num_held) ascending: nodes that its tool holds, and that it does not touch */
+    const int32_t *held;     /* (num_held) nodes that the tool holds, ascending; they have no contact with it */
 } pliant_moving_part;
 
-/* Room for the search; nothing of it outlives one. */
+/* Buffers of the search. They keep no results. */
 typedef struct pliant_finder pliant_finder;
 /* @param settings Nullable: the defaults. Errors: MEMORY */
 pliant_status pliant_finder_create(const pliant_contact_settings *settings, pliant_finder **out);
 void pliant_finder_free(pliant_finder *finder);          /* Nullable */
 
-/* Room for more points. Errors: MEMORY (nothing changed). */
+/* Grow the capacity for points. Errors: MEMORY (nothing changed). */
 pliant_status pliant_contacts_reserve(pliant_contacts *contacts, int32_t room);
-/* Errors: MEMORY (nothing changed). */
+/* Copy points. Errors: MEMORY (nothing changed). */
 pliant_status pliant_contacts_copy(const pliant_contacts *from, pliant_contacts *to);
 
-/* Append the points of parts, in their order, each part's ascending by feature. The feature's top byte is 16 tool + part, or 128 + the obstacle's number;
- * then come two bits for what of the surface it is (0: a node, 1: an edge, 2: a triangle, 3: a corner of a triangle that a plane keeps out of a core), and
- * 26 for each of two numbers: nodes, or a triangle and its corner.
- * @param before points of the leg before, ascending by feature: an edge or a triangle that pressed then goes on until it is higher than what borders it
- * @param positions (fine nodes x 3) as the leg begins
- * @param blocked   the leg before could not go all of its way: planes keep what stopped it out of cores. Errors: MEMORY */
+/* Find the contact points of all parts and append them. They are ordered by part, and within a part by feature.
+ * The top byte of a feature is 16 tool + part, or 128 + the obstacle's number. The next two bits are the kind: 0
+ * node, 1 edge, 2 triangle, 3 corner of a triangle with a plane constraint. Two numbers of 26 bits follow: nodes,
+ * or triangle and corner.
+ * @param positions (fine nodes x 3) at the start of the leg [m]
+ * @param before points of the previous leg, sorted by feature; an edge or triangle that had contact keeps it until
+ *   it is higher than its neighbors
+ * @param blocked the previous leg was blocked: add plane constraints
+ * Errors: MEMORY. */
 pliant_status pliant_contact_find(pliant_finder *finder, const pliant_body *body, const double *positions, const pliant_contacts *before, bool blocked, int32_t count,
                                   const pliant_moving_part *parts, pliant_contacts *out);
 

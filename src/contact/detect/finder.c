@@ -1,4 +1,4 @@
-/* Room of a search for contacts, and lists of points. */
+/* Buffers of the search for contacts, and lists of contact points. */
 #include "contact/detect/finder.h"
 
 #include "base/fail.h"

@@ -1,4 +1,4 @@
-/* What the search for contacts with rigid parts works on: finder.c, find.c. */
+/* Data of the search for contacts with rigid parts (finder.c, find.c). */
 #ifndef PLIANT_CONTACT_FINDER_H
 #define PLIANT_CONTACT_FINDER_H
 
@@ -9,12 +9,12 @@
 extern "C" {
 #endif
 
-/* A node, an edge or a triangle of the surface, and where a part is nearest to it. */
+/* A node, edge or triangle of the surface, and the nearest point of a part. */
 typedef struct pliant_feature {
     uint64_t key;
     int32_t count, node[3];
-    double outwards[3];     /* of the tissue; twice the area of its triangles */
-    double gap;             /* as the leg ends, if the tissue stays where it is [m]; INFINITY: it is left out */
+    double outwards[3];     /* outward normal of the tissue, times twice the area of its triangles */
+    double gap;             /* gap at the end of the leg if the tissue does not move [m]; INFINITY: no contact */
     bool touches;
     double weight[3], normal[3], place[3], drift[3], area;
 } pliant_feature;
@@ -23,22 +23,22 @@ struct pliant_finder {
     pliant_contact_settings settings;
     pliant_broad broad;
     int32_t room_triangles;
-    int32_t *triangle;      /* near a part */
+    int32_t *triangle;      /* triangles near a part */
     pliant_feature *face, *edge, *node;
-    int32_t *edge_of;       /* (triangles x 3) */
+    int32_t *edge_of;       /* (triangles x 3) index of each edge */
     uint64_t *order;        /* (3 x triangles) */
     int32_t room_nodes;
-    int32_t *slot;          /* (fine nodes) which feature of a part */
+    int32_t *slot;          /* (fine nodes) index of the node's feature for this part */
 };
 
-/* Of what begins with its key. */
+/* Compare structs that begin with a key, for sorting. */
 static inline int pliant_compare_keys(const void *a, const void *b)
 {
     const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
     return (x > y) - (x < y);
 }
 
-/* Room for the triangles near the parts. Errors: MEMORY. */
+/* Grow the capacity for the triangles near the parts. Errors: MEMORY. */
 pliant_status pliant_finder_room(pliant_finder *finder, const pliant_body *body);
 
 #ifdef __cplusplus

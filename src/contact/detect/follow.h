@@ -1,4 +1,4 @@
-/* Points of tissue on tissue while nodes move. */
+/* Contact points of tissue on tissue while the nodes move. */
 #ifndef PLIANT_CONTACT_FOLLOW_H
 #define PLIANT_CONTACT_FOLLOW_H
 
@@ -10,20 +10,22 @@
 extern "C" {
 #endif
 
-/* kinds of points: the top byte of their features */
-enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242, PLIANT_TISSUE_SLID = 243 /* sides of a cut that were not one */,
+/* Kinds of points: the top byte of their features. */
+enum { PLIANT_TISSUE_NODE = 240, PLIANT_TISSUE_EDGE = 241, PLIANT_TISSUE_CUT = 242, PLIANT_TISSUE_SLID = 243 /* slid sides of a cut */,
        PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */, PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/rigid) */,
-       PLIANT_ELEMENT_VOLUME = 246 /* an element that is small (contact/advance/volume.h) */ };
+       PLIANT_ELEMENT_VOLUME = 246 /* volume bound of an element (contact/advance/volume.h) */ };
 
-/* Where the two sides of a point face each other: directions in the face that they have in common, and how far apart they are along its normal. */
+/* How the two sides of a point face each other: two directions in their common plane, and the gap along its normal. */
 typedef struct pliant_facing {
-    int32_t from[2], to[2];    /* ends of the directions, of the point's nodes */
+    int32_t from[2], to[2];    /* indices into the point's nodes: ends of the directions */
     double along[2][3], gap;   /* [m] */
 } pliant_facing;
 
-/* A point moves to where its two sides face each other now, at the positions of its four nodes: a node over a triangle, along the normal of that, or two
- * edges, along what is normal to both. The gap's gradient is the normal then, times the weights, and a force along it turns neither side and is given no
- * energy by their sliding. Sides of a cut stay as they were found. @return whether the point is of that kind; false: the point stays as it was */
+/* Update a point to the nearest points of its two sides at the given positions of its four nodes. The sides are a
+ * node and a triangle, or two edges. The normal is the triangle's normal, or the common normal of the edges. Then
+ * normal times weights is the gradient of the gap. A force along it applies no torque to either side, and sliding
+ * adds no energy. Points of cut faces stay unchanged.
+ * @return whether the point is of such a kind; false: the point is unchanged */
 PLIANT_INLINE bool pliant_contact_follow(double x[4][3], pliant_contact_point *point, pliant_facing *out)
 {
     const int kind = (int)(point->feature >> 56);
@@ -64,8 +66,9 @@ PLIANT_INLINE bool pliant_contact_follow(double x[4][3], pliant_contact_point *p
     return true;
 }
 
-/* A force t across the normal at the first side, and against it at the second, turns both, by how far apart they are. What turns them back, along the
- * normal: from the ends of each direction, as much as this. It is what t does at the second side's point, raised along the normal to the first side's. */
+/* Compute the normal forces that balance the torque of a tangential force. A tangential force acts on the first
+ * side and its opposite on the second, with the gap as lever. The result is a force along the normal at both ends
+ * of each direction. */
 PLIANT_INLINE void pliant_facing_turn_back(const pliant_facing *facing, const double normal[3], const double force[3], double out[2])
 {
     const double *u = facing->along[0], *w = facing->along[1];
@@ -80,8 +83,8 @@ PLIANT_INLINE void pliant_facing_turn_back(const pliant_facing *facing, const do
     for (int k = 0; k < 2; k++) out[k] *= facing->gap / whole;
 }
 
-/* Whether a point is a node of a tetrahedron that overlaps, by the paper's rule: it has one node, no normal, and in place of friction the part of its way
- * in a sub-step that is taken away. */
+/* Return whether a point belongs to contact/response: paper: a node of an overlapping tetrahedron. It has one node
+ * and no normal. Its friction is the fraction of the node's motion that is removed in each sub-step. */
 PLIANT_INLINE bool pliant_contact_slows(const pliant_contact_point *point)
 {
     return point->kind == PLIANT_OBSTACLE_TISSUE && (int)(point->feature >> 56) == PLIANT_TISSUE_SLOWED;

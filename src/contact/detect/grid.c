@@ -60,7 +60,7 @@ static int is_sound(const pliant_grid_box *box)
     return box->low[0] <= box->high[0] && box->low[1] <= box->high[1] && box->low[2] <= box->high[2];
 }
 
-/* Cells as large as the mean box, larger where there would be more than so many. */
+/* Choose cells as large as the mean box, or larger to limit their number. */
 static void choose_cells(pliant_grid *grid)
 {
     const double most = 8.0 * grid->count + 64;
@@ -107,7 +107,7 @@ int64_t pliant_grid_cell(const pliant_grid *grid, const double point[3])
     return cell;
 }
 
-/* every cell that a box lies in: counted, or given the box's index, back to front */
+/* Visit every cell that a box overlaps: count the box, or store its index from the cell's end to its start. */
 static void each_cell(pliant_grid *grid, int32_t i, int give)
 {
     pliant_grid_box *box = grid->box + i;
@@ -162,7 +162,7 @@ typedef struct pair_search {
 
 enum { TILE = 64 };
 
-/* Boxes of a cell, in single precision, outwards. */
+/* Boxes of a cell in single precision, rounded outwards. */
 typedef struct tile {
     int32_t count;
     float low[3][TILE], high[3][TILE];
@@ -170,7 +170,7 @@ typedef struct tile {
 
 static void fill_tile(const pliant_grid *grid, const int32_t *item, int32_t count, tile *out)
 {
-    const float outwards = 1.2e-7f; /* more than a float's spacing, of one */
+    const float outwards = 1.2e-7f; /* more than the relative spacing of floats */
     out->count = count;
     for (int32_t i = 0; i < count; i++)
         for (int d = 0; d < 3; d++) {
@@ -180,7 +180,7 @@ static void fill_tile(const pliant_grid *grid, const int32_t *item, int32_t coun
         }
 }
 
-/* which of a tile meet one of its own or another tile's */
+/* Test which boxes of a tile intersect one box. */
 PLIANT_VECTORIZED static void meet(const tile *all, const tile *of, int32_t one, uint8_t hit[TILE])
 {
     const float low[3] = {of->low[0][one], of->low[1][one], of->low[2][one]}, high[3] = {of->high[0][one], of->high[1][one], of->high[2][one]};
@@ -212,9 +212,10 @@ static void take_pair(const pair_search *search, const int32_t at[3], int32_t i,
 {
     const pliant_grid *grid = search->grid;
     const pliant_grid_box *one = grid->box + i, *other = grid->box + j;
-    for (int d = 0; d < 3; d++) { /* a pair is of the cell that holds the lowest corner of what its boxes have in common */
+    for (int d = 0; d < 3; d++) { /* a pair is found in the cell with the lowest corner of the boxes' intersection */
         if ((one->cell[d] > other->cell[d] ? one->cell[d] : other->cell[d]) != at[d]) return;
-        if (!(one->low[d] < other->high[d] && other->low[d] < one->high[d])) return; /* a tile's are larger by rounding */
+        /* boxes of a tile are larger by rounding */
+        if (!(one->low[d] < other->high[d] && other->low[d] < one->high[d])) return;
     }
     const int32_t a = grid->tet[i], b = grid->tet[j];
     const int32_t *nodes = search->tets + 4 * (size_t)a, *others = search->tets + 4 * (size_t)b;
@@ -269,7 +270,7 @@ pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const
     if (grid->count == 0) return PLIANT_OK;
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) search_chunk(&search, c);
-    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) { /* of those that had no room for all */
+    for (int c = 0; c < PLIANT_GRID_CHUNKS; c++) { /* repeat the groups whose buffer was too small */
         pliant_grid_pairs *found = grid->found + c;
         if (found->count > found->room) {
             pliant_status status = make_room(&found->pair, &found->room, 2 * (size_t)found->count, sizeof *found->pair);

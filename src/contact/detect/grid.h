@@ -1,5 +1,6 @@
-/* Tetrahedra in the cells of a regular grid, by their deformed boxes ([C] 5.2 assigns them by their corners alone, and misses the cells between
- * those of large ones), and which of them overlap. */
+/* Broad and narrow phase of tissue on tissue: tetrahedra in the cells of a regular grid, and the overlapping pairs.
+ * Tetrahedra are assigned to cells by their deformed boxes. [C] 5.2 assigns them by their corners, which misses
+ * cells inside large tetrahedra. */
 #ifndef PLIANT_CONTACT_GRID_H
 #define PLIANT_CONTACT_GRID_H
 
@@ -12,9 +13,9 @@
 extern "C" {
 #endif
 
-enum { PLIANT_GRID_CHUNKS = 64 /* of cells, whose pairs are found by one thread */ };
+enum { PLIANT_GRID_CHUNKS = 64 /* groups of cells; one thread finds the pairs of a group */ };
 
-/* of a tetrahedron; cell: the lowest one that it lies in */
+/* Box of a tetrahedron; cell: the lowest cell that it overlaps. */
 typedef struct pliant_grid_box {
     double low[3], high[3];
     int32_t cell[3];
@@ -25,37 +26,38 @@ typedef struct pliant_grid_pairs {
     int32_t *pair;             /* (count x 2) */
 } pliant_grid_pairs;
 
-/* Kept from step to step for its room. All zero: empty. */
+/* The grid keeps its buffers from step to step. All zero: empty. */
 typedef struct pliant_grid {
     int32_t count;
-    const int32_t *tet;        /* (count) that are in it, borrowed */
-    double low[3], side;       /* of the cells [m] */
+    const int32_t *tet;        /* (count) tetrahedra in the grid, borrowed */
+    double low[3], side;       /* lowest corner and side of the cells [m] */
     int32_t cells[3];
     pliant_grid_box *box;      /* (count) */
-    int32_t *start;            /* (cells + 1) into item */
-    int32_t *item;             /* indices into tet, ascending in every cell */
+    int32_t *start;            /* (cells + 1) offsets into item */
+    int32_t *item;             /* indices into tet, ascending in each cell */
     int32_t box_room, start_room, item_room;
     pliant_grid_pairs found[PLIANT_GRID_CHUNKS];
 } pliant_grid;
 
-void pliant_grid_free(pliant_grid *grid); /* what it holds */
+void pliant_grid_free(pliant_grid *grid); /* frees its contents */
 
-/* Assigns tetrahedra to cells. Those with a number that is none are left out.
- *  @param tets      (x 4) nodes
- *  @param positions (nodes x 3) [m]
- *  @param margin    boxes are larger by that on every side [m]
- *  Errors: MEMORY. */
+/* Assign tetrahedra to cells. Tetrahedra with a position that is not finite are left out.
+ * @param tets (tetrahedra x 4) nodes
+ * @param positions (nodes x 3) [m]
+ * @param margin enlarges boxes on every side [m]
+ * Errors: MEMORY. */
 pliant_status pliant_grid_fill(pliant_grid *grid, int32_t count, const int32_t *tet, const int32_t *tets, const double *positions, double margin,
                                int threads);
 
-/* Pairs of tetrahedra that overlap, each once, lower first, without those that share a node; they are in found, the same and in the same order for
- * any number of threads. The arguments of pliant_grid_fill. Errors: MEMORY. */
+/* Find pairs of overlapping tetrahedra that share no node; each pair once, the lower number first. The pairs are in
+ * grid->found. Their order does not depend on the number of threads. Arguments as in pliant_grid_fill. Errors:
+ * MEMORY. */
 pliant_status pliant_grid_overlaps(pliant_grid *grid, const int32_t *tets, const double *positions, int threads, int32_t *count);
 
-/* Room for pairs that somebody else has found, in *pair, in place of those that were found last. Errors: MEMORY. */
+/* Return in *pair a buffer for pairs that a GPU has found. They replace the last result. Errors: MEMORY. */
 pliant_status pliant_grid_take_pairs(pliant_grid *grid, int32_t count, int32_t **pair);
 
-/* The cell of a point; -1: outside, or a number that is none. */
+/* Return the cell of a point; -1: outside, or not finite. */
 int64_t pliant_grid_cell(const pliant_grid *grid, const double point[3]);
 
 #ifdef __cplusplus

@@ -10,9 +10,9 @@
 #include <string.h>
 
 static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
-static const double farthest = 1;   /* of the shortest edge of a cube */
-static const double almost_none = 1e-5; /* of an element is tissue, or is not */
-static const double half = 0.5;     /* of a tetrahedron is tissue; of what is around a point */
+static const double farthest = 1;   /* maximum motion of a corner, times the shortest edge of a cube */
+static const double almost_none = 1e-5; /* tolerance of the fraction of tissue in an element */
+static const double half = 0.5;     /* threshold of the fraction of tissue */
 
 static pliant_status no_memory(void) { return pliant_fail_memory("contacts"); }
 
@@ -43,7 +43,7 @@ void pliant_outside_free(pliant_outside *outside)
     memset(outside, 0, sizeof *outside);
 }
 
-/* ---- triangles between what is inside and what is not. out: Nullable */
+/* List the triangles between the inside and the outside. out: Nullable */
 static int32_t list_triangles(const pliant_mesh *mesh, const int32_t *across, const uint8_t *solid, int32_t *out)
 {
     int32_t count = 0;
@@ -57,7 +57,7 @@ static int32_t list_triangles(const pliant_mesh *mesh, const int32_t *across, co
     return count;
 }
 
-/* The triangles of a body; NULL: no memory */
+/* Return the triangles of the contact surface; NULL: out of memory. */
 static int32_t *triangles_of(const pliant_body *body, const uint8_t *solid, int32_t *count)
 {
     int32_t *own = NULL, *triangles = NULL;
@@ -72,7 +72,7 @@ static int32_t *triangles_of(const pliant_body *body, const uint8_t *solid, int3
     return triangles;
 }
 
-/* ---- at load */
+/* ---- topology at load */
 
 static pliant_status find_solid(pliant_outside *outside, const pliant_body *load)
 {
@@ -91,7 +91,8 @@ static pliant_status find_solid(pliant_outside *outside, const pliant_body *load
     return good ? PLIANT_OK : no_memory();
 }
 
-/* The part of tissue around a point, linear between voxels. origin: the middle of the first one */
+/* Return the fraction of tissue at a point, interpolated linearly between voxels. origin: center of the first voxel
+ * [m] */
 static double tissue_at(const pliant_outside_voxels *voxels, const double origin[3], const double at[3])
 {
     const pliant_geometry *geometry = voxels->geometry;
@@ -117,7 +118,7 @@ static double tissue_at(const pliant_outside_voxels *voxels, const double origin
     return sum;
 }
 
-/* From outside inwards, how far from a point tissue begins [m]; 0: it does not. */
+/* Return the signed distance along the normal at which tissue begins, searched from outside to inside [m]; 0: none. */
 static double way_to_tissue(const pliant_outside_voxels *voxels, const double at[3], const double normal[3], double reach)
 {
     const double *spacing = voxels->geometry->spacing, stride = 0.25 * fmin(spacing[0], fmin(spacing[1], spacing[2]));
@@ -133,7 +134,8 @@ static double way_to_tissue(const pliant_outside_voxels *voxels, const double at
     return 0;
 }
 
-/* (nodes) whether tissue ends within an element there: where all are full or empty it ends with them. NULL: no memory */
+/* Return which nodes are in an element that is partly filled. Where all elements are full or empty, the tissue ends
+ * at their faces. NULL: out of memory. */
 static uint8_t *parted_by(const pliant_body *load)
 {
     const pliant_mesh *mesh = &load->fine;
@@ -145,7 +147,7 @@ static uint8_t *parted_by(const pliant_body *load)
     return parted;
 }
 
-/* (nodes x 3) normals of the surface at its nodes, 0 elsewhere; NULL: no memory */
+/* Return (nodes x 3) area-weighted normals of the surface at its nodes, 0 elsewhere; NULL: out of memory. */
 static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t *triangles)
 {
     double *normal = pliant_calloc(3 * (size_t)mesh->num_nodes, sizeof *normal);
@@ -161,9 +163,9 @@ static double *normals_of(const pliant_mesh *mesh, int32_t count, const int32_t 
     return normal;
 }
 
-/* Where tissue ends: from each node along a normal. */
+/* The tissue's boundary, relative to each node along a normal. */
 typedef struct ends {
-    double (*unit)[3];         /* (nodes) */
+    double (*unit)[3];         /* (nodes) unit normal */
     double *way;               /* (nodes) [m]; 0: the node itself */
 } ends;
 
@@ -173,7 +175,8 @@ static void free_ends(ends *found)
     pliant_free(found->way);
 }
 
-/* triangles: (count x 3) of the body at load. What it finds is freed by the caller, in any case. */
+/* Find the boundary. triangles: (count x 3) of the topology at load. The caller frees the result, also after an
+ * error. */
 static pliant_status find_ends(const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles, ends *found)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
@@ -201,7 +204,8 @@ static void set_corner(pliant_outside *outside, const pliant_mesh *mesh, const e
     outside->tet_at_load[n] = found->way[n] != 0 ? pliant_mesh_locate(mesh, at, outside->share[n]) : -1;
 }
 
-/* Corners at rest that lie in tissue, or on edges that cross, and those of what they are in. out: (nodes) set for those. *any: some of them are not their nodes. */
+/* Find the nodes whose corners at rest take part in a self-intersection, and set their flag in out.
+ * @param any out: whether one of these corners differs from its node */
 static pliant_status find_overlaps(const pliant_outside *outside, const pliant_outside_voxels *voxels, const ends *found, pliant_tissue *tissue, double *positions, uint8_t *out,
                                     bool *any)
 {
@@ -224,10 +228,11 @@ static pliant_status find_overlaps(const pliant_outside *outside, const pliant_o
     return status;
 }
 
-/* Halves the ways of corners where the surface goes through itself at rest until it does not, or eight times; the mesh's own faces never do. */
+/* Halve the motion of corners where the surface intersects itself at rest, until it does not. After some rounds use
+ * the nodes themselves; the mesh's own faces never intersect. */
 static pliant_status keep_apart(pliant_outside *outside, const pliant_outside_voxels *voxels, ends *found)
 {
-    enum { ROUNDS = 8, HALVED = 3 }; /* what is not apart by then: the nodes themselves */
+    enum { ROUNDS = 8, HALVED = 3 }; /* after this many halvings the corner is the node itself */
     const pliant_mesh *mesh = &voxels->load->fine;
     pliant_tissue tissue = {.body = NULL};
     double *positions = pliant_calloc(3 * (size_t)mesh->num_nodes, sizeof *positions);
@@ -251,7 +256,7 @@ static pliant_status keep_apart(pliant_outside *outside, const pliant_outside_vo
     return status;
 }
 
-/* triangles: (count x 3) of the body at load */
+/* Find all corners. triangles: (count x 3) of the topology at load */
 static pliant_status find_corners(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t count, const int32_t *triangles)
 {
     const pliant_mesh *mesh = &voxels->load->fine;
@@ -265,9 +270,10 @@ static pliant_status find_corners(pliant_outside *outside, const pliant_outside_
     return status;
 }
 
-/* ---- of a body */
+/* ---- current topology */
 
-/* For every node of a surface the tetrahedron that its corner is in: of fragments one that has the node, where there is one. */
+/* Find the tetrahedron of each surface node's corner. If there are several fragments, use a fragment that has the
+ * node. */
 static void find_tets(pliant_outside *outside, const pliant_body *body)
 {
     const pliant_mesh *mesh = &body->fine;
@@ -276,7 +282,7 @@ static void find_tets(pliant_outside *outside, const pliant_body *body)
         if (outside->tet[mesh->tets[v]] == body->tet_parent[v / 4]) outside->tet[mesh->tets[v]] = v / 4;
 }
 
-/* What all bodies have of that at load. out: (count x 3) its triangles, Nullable. */
+/* Compute the data that all topologies share. out: (count x 3) triangles at load, Nullable */
 static pliant_status find_load(pliant_outside *outside, const pliant_outside_voxels *voxels, int32_t *count, int32_t **out)
 {
     pliant_status status = find_solid(outside, voxels->load);
@@ -319,7 +325,7 @@ pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outs
     return PLIANT_OK;
 }
 
-/* ---- of a step */
+/* ---- positions of a step */
 
 static const double *share_of(const pliant_outside *outside, int32_t node)
 {
@@ -358,7 +364,7 @@ static void add_weight(pliant_contact_point *point, int32_t node, double weight)
     point->weight[k] += weight;
 }
 
-/* Sides of a cut are points of fragments, and what is slowed down are nodes: no point of the surface, whatever its corners are. */
+/* Points of cut faces belong to fragments, and slowed points to nodes. Neither has corners. */
 static bool has_corner(const pliant_outside *outside, const pliant_contact_point *point)
 {
     const int kind = (int)(point->feature >> 56);

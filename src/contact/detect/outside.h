@@ -1,10 +1,11 @@
-/* Where tissue ends within the mesh, whose outside lies up to a cube away from it and hardly holds anything: what touches is to meet the tissue.
+/* The tissue's boundary within the mesh. The mesh ends up to one cube outside the tissue, and its outermost layer
+ * carries almost no load. Contact must happen at the tissue's boundary instead.
  *
- * The surface that touches is that of tetrahedra which tissue fills at least half (and, where it fills none around, of those that it fills less); its corners
- * are moved along the surface's normal to where the voxels' tissue ends, no further than a cube,
- * unless the elements around are full or empty. There they are points of a tetrahedron, and go with it; a
- * contact found there pushes at that one's nodes. Where the surface would so go through itself at rest, and touches itself, its corners stay nearer to
- * their nodes. */
+ * The contact surface encloses the tetrahedra that are filled with tissue by at least half. Where no such
+ * tetrahedron is near, it encloses also those with less tissue. The surface's corners are moved along its normal to
+ * the boundary of the tissue in the voxels, by at most one cube. Corners between full or empty elements are not
+ * moved. A moved corner is a point of a tetrahedron: it moves with it, and contact forces act on that tetrahedron's
+ * nodes. With contact of tissue on tissue, corners are moved less where the surface would intersect itself at rest. */
 #ifndef PLIANT_CONTACT_OUTSIDE_H
 #define PLIANT_CONTACT_OUTSIDE_H
 
@@ -16,37 +17,37 @@
 extern "C" {
 #endif
 
-/* Of the body at load and its voxels. */
+/* Voxels and the topology at load. */
 typedef struct pliant_outside_voxels {
     const pliant_body *load;
     const pliant_geometry *geometry;
     const uint8_t *material_of_voxel;
     const pliant_material_table *materials;
-    bool touches_itself;       /* tissue touches tissue */
+    bool touches_itself;       /* there is contact of tissue on tissue */
     int threads;
 } pliant_outside_voxels;
 
-/* All zero: of no body. */
+/* All zero: without a topology. */
 typedef struct pliant_outside {
-    uint64_t revision;         /* of the body; 0: none */
-    int32_t *tet_at_load;      /* (nodes at load) that a corner of the surface is in; -1: the node itself */
-    double (*share)[4];        /* (nodes at load) where in it, barycentric */
-    uint8_t *solid_at_load;    /* (tetrahedra at load) of the inside of the surface */
-    uint8_t *solid;            /* (tetrahedra) likewise */
+    uint64_t revision;         /* of the topology; 0: none */
+    int32_t *tet_at_load;      /* (nodes at load) tetrahedron that contains the corner; -1: the corner is the node */
+    double (*share)[4];        /* (nodes at load) barycentric coordinates in it */
+    uint8_t *solid_at_load;    /* (tetrahedra at load) whether the contact surface encloses it */
+    uint8_t *solid;            /* (tetrahedra) as solid_at_load */
     int32_t *tet;              /* (nodes) as tet_at_load */
-    pliant_body view;          /* the body with the triangles of that surface */
+    pliant_body view;          /* the topology with the triangles of the contact surface */
     int32_t *triangles;
-    double *positions;         /* (nodes x 3) of the step; of corners of the surface where those are [m] */
+    double *positions;         /* (nodes x 3) positions; for nodes of the surface, of their corners [m] */
 } pliant_outside;
 
-void pliant_outside_free(pliant_outside *outside); /* what it holds */
-/* Another body, unless it is this one. Errors: MEMORY. */
+void pliant_outside_free(pliant_outside *outside); /* frees its contents */
+/* Set the topology. Do nothing if it is the current one. Errors: MEMORY. */
 pliant_status pliant_outside_set_body(pliant_outside *outside, const pliant_outside_voxels *voxels, const pliant_body *body);
-/* Where the corner of a node of the surface is. @param positions of nodes [m] */
+/* Compute the position of a surface node's corner. positions: (nodes x 3) [m] */
 void pliant_outside_corner(const pliant_outside *outside, int32_t node, const double *positions, double out[3]);
-/* outside->positions, from those of nodes */
+/* Compute outside->positions from the positions of the nodes. */
 void pliant_outside_place(pliant_outside *outside, const double *positions);
-/* Points that were found there: weights of corners become those of nodes. */
+/* Replace the weights of corners by weights of nodes in contact points. */
 void pliant_outside_spread(const pliant_outside *outside, pliant_contacts *contacts);
 
 #ifdef __cplusplus

@@ -1,24 +1,26 @@
-/* Whether two tetrahedra overlap, by separating planes (Ganovelli, Ponchio, Rocchini, A fast tetrahedron-tetrahedron overlap algorithm, Journal of
- * Graphics Tools 7(2), 2002). If there is a plane between them, there is one along a face of either, or through an edge of the first. Where an edge
- * of the first lies between the faces f and g, its inside is where both heights over them are negative: such a plane is there unless the second
- * reaches into that wedge.
+/* Test whether two tetrahedra overlap, by separating planes (Ganovelli, Ponchio, Rocchini, A fast
+ * tetrahedron-tetrahedron overlap algorithm, Journal of Graphics Tools 7(2), 2002). If a separating plane exists,
+ * one exists along a face of either tetrahedron or through an edge of the first. The inside of the first at an edge
+ * between the faces f and g is where the heights over both faces are negative. A plane through that edge separates
+ * unless the second reaches into this wedge.
  *
- * They overlap where their insides have a point in common: what touches, and what is flat, does not. Exact where coordinates are whole numbers
- * below 128, or such times a power of two; otherwise as rounding in double precision leaves it. Either may be turned inside out. */
+ * Tetrahedra overlap if their interiors have a common point. Tetrahedra that only touch, and flat ones, do not. The
+ * test is exact for integer coordinates below 128 times a common power of two, and otherwise within rounding in
+ * double precision. Either tetrahedron may be inverted. */
 #ifndef PLIANT_CONTACT_OVERLAP_H
 #define PLIANT_CONTACT_OVERLAP_H
 
 #include "base/inline.h"
 
-/* Heights of the corners of b over the faces of a, face f opposite its corner f, outwards positive, times twice the area of the face.
- * Returns whether none of the faces separates them. */
+/* Compute the heights of b's corners over a's faces times twice the face's area. Face f is opposite corner f, and
+ * outwards is positive. Return whether no face separates them. */
 PLIANT_INLINE int pliant_overlap_faces(double a[3][4], double b[3][4], double height[4][4])
 {
     double edge[3][3], normal[4][3];
     for (int v = 0; v < 3; v++)
         for (int d = 0; d < 3; d++) edge[v][d] = a[d][v + 1] - a[d][0];
     PLIANT_UNROLL
-    for (int f = 1; f < 4; f++) { /* through corner 0; inwards, unless it is turned inside out */
+    for (int f = 1; f < 4; f++) { /* through corner 0; points inwards unless the tetrahedron is inverted */
         const double *u = edge[f % 3], *w = edge[(f + 1) % 3];
         normal[f][0] = u[1] * w[2] - u[2] * w[1];
         normal[f][1] = u[2] * w[0] - u[0] * w[2];
@@ -42,27 +44,28 @@ PLIANT_INLINE int pliant_overlap_faces(double a[3][4], double b[3][4], double he
     return 1;
 }
 
-/* a bit for each corner below each face */
+/* Set a bit for each corner below each face. */
 PLIANT_INLINE void pliant_overlap_below(double height[4][4], int below[4])
 {
     PLIANT_UNROLL
     for (int f = 0; f < 4; f++) below[f] = (height[f][0] < 0) | (height[f][1] < 0) << 1 | (height[f][2] < 0) << 2 | (height[f][3] < 0) << 3;
 }
 
-/* Whether there is a plane through an edge that has a on one side and b on the other, from heights over the faces beside it. */
+/* Return whether a plane through an edge separates a and b, from the heights over its two faces. */
 PLIANT_INLINE int pliant_overlap_edge(const double f[4], const double g[4], int below_f, int below_g)
 {
     int reaches = below_f & below_g;
     if (reaches) return 0;
     for (int p = 0; p < 4; p++) {
         if (!(below_f >> p & 1)) continue;
-        for (int q = 0; q < 4; q++) /* from below f alone to below g alone: through the wedge, or around it */
+        /* a segment from below f only to below g only passes through the wedge or around it */
+        for (int q = 0; q < 4; q++)
             reaches |= (below_g >> q & 1) & (g[p] * f[q] < f[p] * g[q]);
     }
     return !reaches;
 }
 
-/* @param a, b x, y, z of four corners each */
+/* Return whether two tetrahedra overlap. a, b: x, y, z of the four corners */
 PLIANT_INLINE int pliant_tets_overlap(double a[3][4], double b[3][4])
 {
     double height[4][4], back[4][4];

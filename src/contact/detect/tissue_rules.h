@@ -1,4 +1,4 @@
-/* What a node of the surface touches (tissue.h): what the CPU and kernels share. */
+/* Contact of a surface node with triangles (tissue.h): code that the CPU and CUDA kernels share. */
 #ifndef PLIANT_CONTACT_TISSUE_RULES_H
 #define PLIANT_CONTACT_TISSUE_RULES_H
 
@@ -11,18 +11,18 @@
 extern "C" {
 #endif
 
-#define PLIANT_TISSUE_BORDER 1e-6 /* weights that far below 0 are of points beside a triangle or a tetrahedron */
-enum { PLIANT_TISSUE_MOST_WAY = 64 /* tetrahedra or triangles from one to a point */ };
+#define PLIANT_TISSUE_BORDER 1e-6 /* a weight below minus this value is outside the triangle or tetrahedron */
+enum { PLIANT_TISSUE_MOST_WAY = 64 /* maximum number of tetrahedra or triangles in a walk to a point */ };
 
-/* Of struct pliant_tissue and its body, what the search asks. */
+/* Data of struct pliant_tissue and its topology that the search reads. */
 typedef struct pliant_tissue_view {
     const double *positions;
     pliant_tissue_rule rule;
-    pliant_contact_settings settings;   /* of the rule */
+    pliant_contact_settings settings;   /* settings of the rule */
     double shortest;
     const int32_t *tets, *across;
     const uint8_t *apart, *fixed;       /* fixed: Nullable */
-    const int32_t *node_parent, *piece; /* Nullable; the first where nothing is cut, too */
+    const int32_t *node_parent, *piece; /* Nullable; node_parent is NULL also without cuts */
     const pliant_skin *skin;
     const int32_t *skin_start, *node, *around_start, *around, *fan_start, *fan, *last;
     double (*normal)[3];
@@ -30,7 +30,7 @@ typedef struct pliant_tissue_view {
     pliant_touching *touching;
 } pliant_tissue_view;
 
-/* of the host */
+/* View of the host's data. */
 pliant_tissue_view pliant_tissue_view_of(pliant_tissue *tissue, const double *positions, const pliant_tissue_rule *rule);
 
 PLIANT_INLINE double pliant_tissue_dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -49,7 +49,7 @@ PLIANT_INLINE const double *pliant_tissue_place_of(const pliant_tissue_view *on,
 
 /* ---- triangles */
 
-/* The triangle's normal; 0 where it has no area. */
+/* Compute the triangle's unit normal; 0 if its area is 0. */
 PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_t skin)
 {
     const int32_t *node = on->skin[skin].node;
@@ -61,7 +61,8 @@ PLIANT_INLINE void pliant_tissue_set_normal(const pliant_tissue_view *on, int32_
     for (int d = 0; d < 3; d++) normal[d] = length > 0 ? normal[d] / length : 0;
 }
 
-/* Weights of the corners at the foot of a point, and how high it is. false: the triangle has no area. */
+/* Compute the weights of the corners at the foot of a point, and its height. Return false if the triangle's area is
+ * 0. */
 PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t skin, const double point[3], double weight[3], double *gap)
 {
     const int32_t *node = on->skin[skin].node;
@@ -84,7 +85,7 @@ PLIANT_INLINE bool pliant_tissue_look_down(const pliant_tissue_view *on, int32_t
 
 /* ---- tetrahedra */
 
-/* From a tetrahedron towards a point; the one that holds it, or -1: it is outside, or too far. */
+/* Walk from a tetrahedron towards a point. Return the tetrahedron that contains it; -1: outside, or too far. */
 PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t tet, const double point[3])
 {
     for (int way = 0; way < PLIANT_TISSUE_MOST_WAY; way++) {
@@ -114,7 +115,8 @@ PLIANT_INLINE int32_t pliant_tissue_walk(const pliant_tissue_view *on, int32_t t
     return -1;
 }
 
-/* Whether nodes are copies of one, less than an edge apart: a cut through voxels has parted them, and its faces touch by their links. */
+/* Return whether two nodes are copies of one node and less than an edge apart. A cut through voxels has made such
+ * copies, and the contact of its faces uses their links. */
 PLIANT_INLINE bool pliant_tissue_were_one(const pliant_tissue_view *on, int32_t a, int32_t b)
 {
     if (!on->node_parent || on->node_parent[a] != on->node_parent[b]) return false;
@@ -131,7 +133,7 @@ PLIANT_INLINE bool pliant_tissue_has_node(const pliant_tissue_view *on, int32_t 
     return false;
 }
 
-/* whether a tetrahedron has a node of the surface, or one beside it */
+/* Return whether a tetrahedron has a surface node or one of its neighbors. */
 PLIANT_INLINE bool pliant_tissue_is_near(const pliant_tissue_view *on, int32_t index, int32_t tet)
 {
     if (pliant_tissue_has_node(on, tet, on->node[index])) return true;
@@ -146,10 +148,11 @@ PLIANT_INLINE bool pliant_tissue_is_fixed(const pliant_tissue_view *on, int32_t 
     return fixed && fixed[node] == PLIANT_FIXED_AT_REST;
 }
 
-/* which piece that has come off a node is of; -1: none */
+/* Return the detached piece of a node; -1: none. */
 PLIANT_INLINE int32_t pliant_tissue_piece_of(const pliant_tissue_view *on, int32_t node) { return on->piece ? on->piece[node] : -1; }
 
-/* what is rigid does not touch itself */
+/* Return whether a node and a triangle can have contact. A rigid piece has no contact with itself, and fixed tissue
+ * has none with fixed tissue. */
 PLIANT_INLINE bool pliant_tissue_can_move(const pliant_tissue_view *on, int32_t node, int32_t skin)
 {
     const int32_t *of = on->skin[skin].node, piece = pliant_tissue_piece_of(on, node);
@@ -157,7 +160,7 @@ PLIANT_INLINE bool pliant_tissue_can_move(const pliant_tissue_view *on, int32_t 
     return !(pliant_tissue_is_fixed(on, node) && pliant_tissue_is_fixed(on, of[0]) && pliant_tissue_is_fixed(on, of[1]) && pliant_tissue_is_fixed(on, of[2]));
 }
 
-/* how far away they are looked for */
+/* Return the search distance of a node and a triangle. */
 PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32_t node, int32_t skin)
 {
     const bool piece = pliant_tissue_piece_of(on, node) >= 0 || pliant_tissue_piece_of(on, on->skin[skin].node[0]) >= 0;
@@ -166,7 +169,7 @@ PLIANT_INLINE double pliant_tissue_margin_of(const pliant_tissue_view *on, int32
 
 /* ---- a node */
 
-/* whether some of the surface around a node faces a triangle */
+/* Return whether some triangle around the node faces the given triangle. */
 PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t index, int32_t skin)
 {
     for (int32_t k = on->fan_start[index]; k < on->fan_start[index + 1]; k++)
@@ -176,13 +179,16 @@ PLIANT_INLINE bool pliant_tissue_faces(const pliant_tissue_view *on, int32_t ind
 
 PLIANT_INLINE bool pliant_tissue_before(const pliant_touching *a, const pliant_touching *b) { return a->deep != b->deep ? a->deep < b->deep : a->skin < b->skin; }
 
-/* From inside the shortest way out alone, and that before any other; from outside what bounds the node's way, each direction once. */
+/* Add a contact to the node's list. Inside tissue, keep only the shortest direction out; it replaces all contacts
+ * from outside. From outside, keep the nearest contact for each direction. */
 PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t index, pliant_touching *one)
 {
-    const bool beside = !pliant_tissue_faces(on, index, one->skin); /* of blocks that lie flush, the walls of one are at the border of the other */
+    /* walls of one of two blocks in flush contact lie at the border of the other */
+    const bool beside = !pliant_tissue_faces(on, index, one->skin);
     pliant_touching *list = on->touching + PLIANT_TOUCHINGS * (size_t)index;
     int32_t count = on->count[index], at;
-    const double surface = 10 * PLIANT_TISSUE_BORDER * on->shortest; /* what lies in it is inside, with no way to go */
+    /* height below which a node counts as inside */
+    const double surface = 10 * PLIANT_TISSUE_BORDER * on->shortest;
     const bool inside = count > 0 && list[0].gap < surface;
     one->deep = fabs(one->gap) + (beside ? on->rule.margin : 0.0);
     if (beside && one->gap >= surface) return;
@@ -193,7 +199,8 @@ PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t inde
         return;
     }
     for (int32_t n = 0; n < count; n++)
-        if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) { /* both push one way: the node needs one of them */
+        /* both have the same direction: keep one */
+        if (pliant_tissue_dot(on->normal[list[n].skin], on->normal[one->skin]) > on->settings.same_cosine) {
             if (pliant_tissue_before(one, list + n)) list[n] = *one;
             return;
         }
@@ -212,7 +219,8 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
     one.deep = 0;
     if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= pliant_tissue_margin_of(on, node, skin))) return;
     const double least = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
-    const double border = on->settings.border; /* of a triangle that it touched in the step before: otherwise it would come and go with every step */
+    /* tolerance for the triangle of the previous contact, so that the contact does not change with every step */
+    const double border = on->settings.border;
     const bool holds = on->last[index] == skin && one.gap > -border * on->shortest;
     if (least < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
     if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;
@@ -223,7 +231,7 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
     pliant_tissue_keep(on, index, &one);
 }
 
-/* The triangle under a point, from one near it over its neighbours. */
+/* Walk over adjacent triangles to the triangle below a point. */
 PLIANT_INLINE int32_t pliant_tissue_slide(const pliant_tissue_view *on, int32_t skin, const double point[3])
 {
     double weight[3], gap;
@@ -233,14 +241,14 @@ PLIANT_INLINE int32_t pliant_tissue_slide(const pliant_tissue_view *on, int32_t 
         for (int v = 1; v < 3; v++)
             if (weight[v] < weight[least]) least = v;
         if (!(weight[least] < -PLIANT_TISSUE_BORDER)) return skin;
-        const int32_t beside = on->skin[skin].beside[(least + 1) % 3]; /* the edge opposite that corner */
+        const int32_t beside = on->skin[skin].beside[(least + 1) % 3]; /* across the edge opposite that corner */
         if (beside < 0) return skin;
         skin = beside;
     }
     return skin;
 }
 
-/* What it touched in the step before, where it touches nothing else: it may be deep inside. */
+/* Without another contact, try the triangle of the previous step: the node may be deep inside. */
 PLIANT_INLINE void pliant_tissue_try_last(const pliant_tissue_view *on, int32_t index)
 {
     if (on->last[index] >= 0 && on->count[index] == 0)

@@ -25,8 +25,7 @@ PLIANT_INTERNAL const pliant_volume *pliant_model_get_drawn(const pliant_model *
 /* (voxels) index into the materials. */
 const uint8_t *pliant_model_get_voxel_materials(const pliant_model *model);
 
-/* As pliant_scan_inputs_read_with's default, with a given table instead of the scene's material/file. The caller
- * frees scan and labels. */
+/* Read scan and labels with a given material table instead of the scene's material/file. The caller frees both. */
 PLIANT_INTERNAL pliant_status pliant_scan_inputs_read(const pliant_scene *scene, const pliant_material_table *materials, const char *scan_path,
                                                  pliant_volume *scan, pliant_labels *labels);
 
