@@ -290,7 +290,7 @@ class Python(unittest.TestCase):
         bare.move(skin + [0, -0.05, 0])
         probe.move(skin + [0, -0.01, 0], inwards)
         sim.step()
-        self.assertEqual((sim.statistics["legs"], sim.statistics["ended"], sim.statistics["ended_text"]), (1, 0, "everything is where it should be"))
+        self.assertEqual((sim.statistics["legs"], sim.statistics["ended"], sim.statistics["ended_text"]), (1, 0, "every proxy is at its tool"))
         self.assertFalse(probe.saturated)
         np.testing.assert_array_equal(probe.proxy_error, np.zeros(3))
         for step in range(20):

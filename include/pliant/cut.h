@@ -1,5 +1,5 @@
 /** @file cut.h
- *  What a blade severs: links between voxels, and the next body that follows from it.
+ *  The result of a cut. data.h declares the cutting functions.
  */
 #ifndef PLIANT_CUT_H
 #define PLIANT_CUT_H
@@ -10,13 +10,14 @@
 extern "C" {
 #endif
 
-/** What was newly severed. */
+/** Links and tetrahedra that a cut has severed. */
 typedef struct pliant_cut_report {
-    int32_t num_links, num_bridges;
-    int32_t touched;      /**< tetrahedra */
-    double area;          /**< at rest, of links with tissue on both ends, or of triangles at which tetrahedra with tissue part [m^2] */
-    double area_of[256];  /**< the same by material of material_of_voxel [m^2] */
-    int32_t pieces;       /**< of the next body */
+    int32_t num_links;    /**< links between adjacent voxels */
+    int32_t num_bridges;  /**< connections between voxels that are not adjacent */
+    int32_t touched;      /**< number of changed tetrahedra */
+    double area;          /**< severed area at rest, between tissue on both sides [m^2] */
+    double area_of[256];  /**< severed area by material, as an index into the material table [m^2] */
+    int32_t pieces;       /**< number of connected pieces of tissue after the cut */
 } pliant_cut_report;
 
 #ifdef __cplusplus

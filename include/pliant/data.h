@@ -1,5 +1,8 @@
 /** @file data.h
- *  Everything that changes from step to step, ordered by the stage that writes it; and the step itself.
+ *  A simulation: the step, its tools, its cuts and its results.
+ *
+ *  A simulation belongs to one thread at a time. Several simulations may share a model. Pointers that
+ *  pliant_data_get_* return are valid until the next step, cut, reset or restore, even if it fails.
  */
 #ifndef PLIANT_DATA_H
 #define PLIANT_DATA_H
@@ -12,8 +15,11 @@
 extern "C" {
 #endif
 
-/** Stages of a step, in order. */
+/* ---- TYPES */
+
+/** X(name) for the stages of a step, in order. */
 #define PLIANT_STEP_STAGE_LIST(X) X(cut) X(interact) X(contact) X(solve) X(upsample) X(patch) X(warp)
+/** Stage of a step. */
 typedef enum pliant_step_stage {
 #define PLIANT_STAGE_ENUM(name) PLIANT_STEP_##name,
     PLIANT_STEP_STAGE_LIST(PLIANT_STAGE_ENUM)
@@ -21,191 +27,355 @@ typedef enum pliant_step_stage {
     PLIANT_NUM_STEP_STAGES
 } pliant_step_stage;
 
-enum { PLIANT_MAX_TOOLS = 8 };
+enum { PLIANT_MAX_TOOLS = 8 /**< maximum number of tools of a simulation */ };
 
-/** How a tool that has hold of the tissue acts on it. */
+/** Constraint between a tool and the tissue that it grasps. */
 typedef enum pliant_drive {
-    PLIANT_DRIVE_SPRING, /**< a damped spring between tool tip and held point (grasp/stiffness, grasp/damping) */
-    PLIANT_DRIVE_RIGID,  /**< the held point is at the tip: displacement control */
-    PLIANT_DRIVE_FORCE   /**< a given force, wherever the tip is: force control */
+    PLIANT_DRIVE_SPRING, /**< a damped spring from the tool's tip to the grasped point (grasp/stiffness,
+                          *   grasp/damping) */
+    PLIANT_DRIVE_RIGID,  /**< the grasped point is at the tip: displacement control */
+    PLIANT_DRIVE_FORCE,  /**< a given force, independent of the tip: force control */
+    PLIANT_NUM_DRIVES
 } pliant_drive;
 
-/** What pliant_tool_get tells. */
+/** State of a tool after the last step. */
 typedef struct pliant_tool_state {
     char name[48];
-    bool present;          /**< has a pose */
-    double tip[3];         /**< LPS [m] */
-    double rotation[4];    /**< quaternion x y z w */
+    bool present;          /**< the tool has a pose */
+    double tip[3];         /**< measured tip, LPS [m] */
+    double rotation[4];    /**< measured rotation, quaternion x y z w */
     pliant_drive drive;
-    double driving_force[3]; /**< PLIANT_DRIVE_FORCE: on the tissue [N] */
-    double stiffness, damping, radius; /**< [N/m, N s/m, m] */
-    bool holding;
-    uint64_t hold;         /**< how many times it has taken hold */
-    int32_t num_held;      /**< fine nodes that share the force */
-    double held_point[3];  /**< where the held point is after the last step, LPS [m] */
-    double force[3];       /**< of the tool on the tissue in the last step, by its hold or its blade [N] */
-    double contact_force[3];  /**< and by its shape (contact.h) [N] */
-    double contact_torque[3]; /**< the same about its tip [N m] */
-    bool cutting;          /**< its blade is on */
-    bool engaged;          /**< and in tissue */
-    double engaged_length; /**< of its edge that is [m] */
-    double severed_area;   /**< by it since load, at rest [m^2] */
-    uint64_t stroke;       /**< how many times it has begun to cut */
-    int32_t pieces;        /**< of the tissue after its last cut; 0: it has cut nothing yet */
-    double jaw;            /**< measured angle of its jaws [rad] */
-    bool has_proxy;        /**< it has a shape, and is in the scene: what follows is of its proxy, the simulated tool. Without a shape it is where it is measured */
-    double proxy_tip[3];   /**< LPS [m] */
+    double driving_force[3]; /**< PLIANT_DRIVE_FORCE: force on the tissue [N] */
+    double stiffness;      /**< of the grasp's spring [N/m] */
+    double damping;        /**< of the grasp's damper [N s/m] */
+    double radius;         /**< of the grasped blob [m] */
+    bool holding;          /**< the tool grasps tissue */
+    uint64_t hold;         /**< number of grasps so far */
+    int32_t num_held;      /**< number of fine nodes that share the grasp's force */
+    double held_point[3];  /**< grasped point after the last step, LPS [m] */
+    double force[3];       /**< force of the grasp or of the blade on the tissue, last step [N] */
+    double contact_force[3];  /**< contact force of the tool's shape on the tissue, last step [N] */
+    double contact_torque[3]; /**< torque of the contact force about the tip [N m] */
+    bool cutting;          /**< the blade is on */
+    bool engaged;          /**< the blade is on and touches tissue */
+    double engaged_length; /**< length of the edge in tissue [m] */
+    double severed_area;   /**< area that this tool has severed since load, at rest [m^2] */
+    uint64_t stroke;       /**< number of strokes so far */
+    int32_t pieces;        /**< number of pieces of tissue after the tool's last cut; 0 before its first cut */
+    double jaw;            /**< measured angle of the jaws [rad] */
+    bool has_proxy;        /**< the tool has a shape and a pose, so that it has a proxy (simulated tool). The next
+                            *   fields describe the proxy */
+    double proxy_tip[3];   /**< LPS [m]; without a proxy, the measured tip */
     double proxy_rotation[4]; /**< quaternion x y z w */
     double proxy_jaw;      /**< [rad] */
-    double proxy_error[3]; /**< measured tip minus proxy's tip [m] */
-    double jaw_error;      /**< measured angle minus the proxy's [rad] */
-    bool saturated;        /**< its coupling pulls with contact/max_force, or its jaws with contact/grip_torque */
-    double advanced;       /**< fraction of the last leg that was possible */
+    double proxy_error[3]; /**< measured tip minus the proxy's tip [m] */
+    double jaw_error;      /**< measured angle minus the proxy's angle [rad] */
+    bool saturated;        /**< the coupling pulls with contact/max_force, or the jaws close with contact/grip_torque */
+    double advanced;       /**< completed fraction of the last leg */
 } pliant_tool_state;
 
-/** Why a step ended. */
-#define PLIANT_STEP_END_LIST(X)                                                            \
-    X(NONE, "everything is where it should be")                                            \
-    X(BUDGET, "its evaluations (solver/iterations) were used up")                          \
-    X(TIME, "its time (solver/budget_ms) was used up")                                     \
-    X(BLOCKED, "tissue or what stands still is in the way of a tool")                      \
+/** X(name, meaning) for the reasons why a step ends. */
+#define PLIANT_STEP_END_LIST(X)                                                                    \
+    X(NONE, "every proxy is at its tool")                                                          \
+    X(BUDGET, "all evaluations (solver/iterations) are used")                                      \
+    X(TIME, "all time (solver/budget_ms) is used")                                                 \
+    X(BLOCKED, "tissue or a fixed obstacle blocks a tool")                                         \
     X(FORCE_LIMIT, "a tool presses with contact/max_force, or its jaws with contact/grip_torque")
 #define PLIANT_STEP_END_VALUE(name, text) PLIANT_STEP_END_##name,
+/** Reason why a step ends. */
 typedef enum pliant_step_end { PLIANT_STEP_END_LIST(PLIANT_STEP_END_VALUE) PLIANT_NUM_STEP_ENDS } pliant_step_end;
 #undef PLIANT_STEP_END_VALUE
-/** "" for other numbers. */
-PLIANT_API const char *pliant_step_end_text(int32_t end);
 
+/** Figures of the last step and totals since the start. */
 typedef struct pliant_statistics {
-    uint64_t step;              /**< steps done */
-    double seconds[PLIANT_NUM_STEP_STAGES];
-    int32_t iterations;         /**< of the last step, those of a patch among them */
-    double residual;            /**< energy norm of the residual force over that of the load, last step; of a patch where that is larger */
-    double error;               /**< [m] how far a node still is from where the step would converge to, estimated where it ended (with
-                                 *   solver/budget_ms and no time for that, from the evaluation before). Explicit dynamics: what its
-                                 *   sub-steps left in this step at the farthest node that no tool holds, without walls and stiffness_damping.
-                                 *   0: not known (dynamic relaxation) */
-    double error_before;        /**< [m] the same of the step before, as this one has it; 0: not known, or the first step */
+    uint64_t step;              /**< number of steps so far */
+    double seconds[PLIANT_NUM_STEP_STAGES]; /**< time of the last step by stage [s] */
+    int32_t iterations;         /**< evaluations of the last step, including evaluations of patches */
+    double residual;            /**< energy norm of the residual force divided by the norm of the load; the maximum over
+                                 *   mesh and patches */
+    double error;               /**< estimated distance of a node from its converged position [m]. Explicit dynamics:
+                                 *   the error of its sub-steps at the worst free node, without walls and
+                                 *   stiffness_damping. 0: unknown (dynamic relaxation) */
+    double error_before;        /**< error of the previous step, as estimated in this step [m]; 0: unknown, or the first
+                                 *   step */
     double residual_force;      /**< largest nodal residual force [N] */
-    int32_t legs;               /**< straight motions of tissue and tools in the last step; 1 where nothing was in the way */
-    double advanced;            /**< fraction of the last leg that was possible; 1: all of it */
-    double proxy_error;         /**< [m] largest distance between a tool with a shape and its proxy after the last step */
-    int32_t ended;              /**< pliant_step_end: why the last step ended before tools were where they are measured */
-    int32_t contacts;           /**< points at which tissue is pressed, last step */
-    double penetration;         /**< [m] how deep the deepest of them lies in what it touches */
-    int32_t falling;            /**< pieces that have come off and move */
-    int32_t patched;            /**< tools that pull at a patch (model/patch), last step */
-    int32_t patch_waiting;      /**< tools whose patch is still being made */
-    int32_t patch_iterations;   /**< of the patch, last step */
-    double patch_residual;      /**< as residual, of the patch alone */
-    double patch_moved;         /**< [m] the farthest that a patch has moved a node from where the coarse model has it */
-    uint64_t not_converged;     /**< steps that ended above the tolerance */
-    uint64_t rejected;          /**< Anderson steps refused by the safeguard */
-    uint64_t failed;            /**< steps that broke down and were undone */
-    uint64_t factors;           /**< factors put to use since the start; on the GPU, times that its preconditioner was turned for springs */
-    size_t bytes;               /**< of what was made for this data and is still held, as of its last step, cut, undo or reset; what it shares with its
-                                 *   model, or with what it was copied from, is theirs [bytes] */
+    int32_t legs;               /**< number of straight motions of tissue and tools; 1 if nothing blocks them */
+    double advanced;            /**< completed fraction of the last leg */
+    double proxy_error;         /**< largest distance from a tool to its proxy [m] */
+    int32_t ended;              /**< pliant_step_end: why the step ended before the proxies reached their tools */
+    int32_t contacts;           /**< number of contact points */
+    double penetration;         /**< largest penetration depth [m] */
+    int32_t falling;            /**< number of moving detached pieces */
+    int32_t patched;            /**< number of tools with a patch (model/patch) */
+    int32_t patch_waiting;      /**< number of tools whose patch is not ready */
+    int32_t patch_iterations;   /**< evaluations of patches */
+    double patch_residual;      /**< residual of patches */
+    double patch_moved;         /**< largest distance of a patch's node from its position in the coarse model [m] */
+    uint64_t not_converged;     /**< total number of steps above the tolerance */
+    uint64_t rejected;          /**< total number of Anderson steps that the safeguard rejected */
+    uint64_t failed;            /**< total number of steps that failed and were rolled back */
+    uint64_t factors;           /**< total number of factors in use so far; on a GPU, updates of its preconditioner for
+                                 *   springs */
+    size_t bytes;               /**< memory of this simulation after its last step, cut, undo or reset, without shared
+                                 *   memory [bytes] */
 } pliant_statistics;
 
-typedef struct pliant_data pliant_data; /**< opaque: asked by pliant_data_get_* and pliant_tool_get */
+typedef struct pliant_data pliant_data; /**< opaque; pliant_data_get_* and pliant_tool_get return its parts */
 
-/** At rest, no tools. Errors: MEMORY. */
+/* ---- CREATE */
+
+/** Create a simulation at rest, without tools.
+ *  @param model Borrowed; must outlive the simulation.
+ *  @param out   Out: free with pliant_data_free.
+ *  @return Errors: MEMORY, UNAVAILABLE (no GPU for backend cuda). */
 PLIANT_API pliant_status pliant_data_create(const pliant_model *model, pliant_data **out);
-PLIANT_API void pliant_data_free(pliant_data *data); /**< Nullable */
 
-/** Back to rest: positions, holds, history, gravity, statistics. Tools keep their poses. Errors: MEMORY (nothing changed). */
+/** Free a simulation.
+ *  @param data Nullable. */
+PLIANT_API void pliant_data_free(pliant_data *data);
+
+/** Reset positions, grasps, history, gravity, cuts and statistics to those at load. Tools keep their poses.
+ *  @param model The model of the simulation.
+ *  @param data  Unchanged after an error.
+ *  @return Errors: MEMORY. */
 PLIANT_API pliant_status pliant_data_reset(const pliant_model *model, pliant_data *data);
 
-/** Create another simulation of the model in this one's state (state.h). It has no deformed volume until pliant_data_set_warp. In two copies the
- *  same steps give the same bits. Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (of another model). */
+/** Create another simulation of the model in the same state (state.h), without a deformed volume until
+ *  pliant_data_set_warp. The same steps give the same bits in two copies.
+ *  @param model The model of the simulation.
+ *  @param data  The simulation to copy.
+ *  @param out   Out: free with pliant_data_free.
+ *  @return Errors: MEMORY, NUMERIC, SCENE, ARGUMENT (another model). */
 PLIANT_API pliant_status pliant_data_copy(const pliant_model *model, pliant_data *data, pliant_data **out);
 
-/** What is true after the last step: valid until the next call that takes this data and may change it (a step, a cut, a reset; one that fails, too). Retain the body
- *  (pliant_body_retain) to keep it for longer. */
-PLIANT_API const pliant_body *pliant_data_get_body(const pliant_data *data);
-/** (body's fine.num_nodes x 3) LPS [m], valid as the body is.
- *  @param revision Nullable: of the body whose nodes these are */
-PLIANT_API const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision);
-/** Valid as the body is. */
-PLIANT_API const pliant_statistics *pliant_data_get_statistics(const pliant_data *data);
-/** The deformed volume and its bricks (warp.h), NULL unless pliant_data_set_warp asked for it. Valid until that is called again. */
-PLIANT_API const pliant_warp *pliant_data_get_warp(const pliant_data *data);
-PLIANT_API void pliant_data_get_gravity(const pliant_data *data, double out[3]);
-PLIANT_API int pliant_data_get_num_tools(const pliant_data *data);
+/* ---- STEP */
 
-/** Who runs the stages now: "cpu" or "cuda". */
-PLIANT_API const char *pliant_data_get_backend(const pliant_data *data);
-
-/** Ask for the deformed volume after every step (or no longer: target NULL). Errors: ARGUMENT, MEMORY. */
-PLIANT_API pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data, const pliant_geometry *target);
-
-/** A new direction or size of gravity, from the next step on. Errors: ARGUMENT (not finite). */
-PLIANT_API pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]);
-
-/** Other limits of a step than those of the scene (solver/iterations, solver/tolerance), from the next step on.
- *  Errors: ARGUMENT (iterations < 1, tolerance not above 0). */
-PLIANT_API pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double tolerance);
-
-/** Put the body where it is said to be, however unlikely; the next step goes on from there. Of a coarse model only the
- *  positions at coarse nodes count; fixed nodes stay. Errors: ARGUMENT (not finite; nothing is changed).
- *  @param positions (body->fine.num_nodes x 3) LPS [m] */
-PLIANT_API pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data, const double *positions);
-
-/** One step of the scene: cut, interact, contact, solve, upsample, warp; quasi-static, but for tled with inertia. NOT_CONVERGED keeps the best state reached so far;
- *  NUMERIC and MEMORY restore the state before the step; a cut that the step has made stays. Positions are never NaN. */
+/** Advance the simulation by one step of the scene: cut, interact, contact, solve, upsample, patch, warp. The solution
+ *  is quasi-static, except for explicit dynamics with inertia (solver/kind tled). Positions are always finite.
+ *  @param model The model of the simulation.
+ *  @param data  After NUMERIC and MEMORY it is in the state before the step, with the step's cuts.
+ *  @return NOT_CONVERGED: the state is the best one so far. Errors: NUMERIC, MEMORY. */
 PLIANT_API pliant_status pliant_step(const pliant_model *model, pliant_data *data);
 
-/** A tool of this name, added if there is room. *index stays valid. Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
-PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
-/** @param rotation Nullable: identity. Errors: ARGUMENT (not finite, or a rotation of length 0), the tool stays where it was. */
-PLIANT_API pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip[3], const double rotation[4]);
-/** Copied. Errors: ARGUMENT (no such tool). */
-PLIANT_API pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out);
-/** Another spring and damper, or another blob, than the scene's; the blob from the next grasp on. Errors: ARGUMENT (no such tool, out of
- *  range). */
-PLIANT_API pliant_status pliant_tool_set_spring(pliant_data *data, int tool, double stiffness, double damping);
-PLIANT_API pliant_status pliant_tool_set_radius(pliant_data *data, int tool, double radius);
-/** The tool is gone: it lets go. */
-PLIANT_API void pliant_tool_lost(pliant_data *data, int tool);
-/** Take hold of the tissue around the tip, as it lies now. With a rest point, of that point of the scan instead.
- *  @param rest Nullable: LPS [m]
- *  Errors: ARGUMENT: no tissue there (the tool holds nothing). */
-PLIANT_API pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int tool, const double rest[3]);
-PLIANT_API void pliant_tool_release(pliant_data *data, int tool);
-/** Drive by force, rigidly or by the spring. @param force Nullable unless drive is FORCE [N] */
-PLIANT_API pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
-/** A mass at what the tool holds [kg], which gravity pulls at and dynamics swings; 0: none. Without effect on a rigid tool. Errors: ARGUMENT. */
-PLIANT_API pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass);
+/** Set gravity from the next step on.
+ *  @param data    The simulation.
+ *  @param gravity (3) Acceleration, LPS [m/s^2].
+ *  @return Errors: ARGUMENT (not finite). */
+PLIANT_API pliant_status pliant_data_set_gravity(pliant_data *data, const double gravity[3]);
 
-/** A blade of this tool: its edge, in the tool's frame [m]; both ends equal: none. It parts what its edge is swept through while it is on.
- *  Errors: ARGUMENT (not finite, longer than 1 m). */
-PLIANT_API pliant_status pliant_tool_set_blade(pliant_data *data, int tool, const double from[3], const double to[3]);
-/** The edge of a blade by its name: scalpel, scissors or hook; its far end is at the tool's tip, the instrument along the frame's z.
- *  Errors: ARGUMENT (another name; the message lists them). */
-PLIANT_API pliant_status pliant_blade_find(const char *name, double from[3], double to[3]);
-/** Whether it cuts, from the next step on. A stroke begins where the edge is in that step, and ends when the blade is off, lost, or goes more
- *  than 2 m/s, which is taken for a jump. A blade of a tool that holds tissue cuts without being felt.
- *  Errors: ARGUMENT (no blade, or a scene that does not cut). */
-PLIANT_API pliant_status pliant_tool_set_cutting(pliant_data *data, int tool, bool on);
+/** Return the gravity of a simulation.
+ *  @param data The simulation.
+ *  @param out  (3) Out: acceleration, LPS [m/s^2]. */
+PLIANT_API void pliant_data_get_gravity(const pliant_data *data, double out[3]);
 
-/** Cut at once along a line of points, as deep as one direction goes; deformed space, LPS [m]. Nothing is felt. One stroke to undo.
- *  @param points (count x 3); @param report Nullable: what was severed. Errors: SCENE (cut/kind is none), ARGUMENT, MEMORY, NUMERIC. */
-PLIANT_API pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count, const double *points, const double depth[3],
-                                         pliant_cut_report *report);
-/** The body from before the last stroke (or pliant_data_cut): its topology bit for bit, under positions as they are; up to cut/undo of them.
- *  Errors: ARGUMENT (nothing to undo), and as of pliant_data_set_body. */
-PLIANT_API pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data);
+/** Replace solver/iterations and solver/tolerance of the scene from the next step on.
+ *  @param data       The simulation.
+ *  @param iterations Maximum number of iterations per step, at least 1.
+ *  @param tolerance  As solver/tolerance, above 0.
+ *  @return Errors: ARGUMENT. */
+PLIANT_API pliant_status pliant_data_set_limits(pliant_data *data, int iterations, double tolerance);
 
-/** Return the signed distance from a tool's tip to the surface that contact uses, where the skin is within the elements [m]. It is negative inside the tissue,
- *  +infinity when the tool is not present, and NaN without memory. The first call for a body prepares the surface. */
-PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
+/** Set the positions from which the next step starts. Fixed nodes stay. A coarse model reads the positions of its
+ *  coarse nodes only.
+ *  @param model     The model of the simulation.
+ *  @param data      Unchanged after an error.
+ *  @param positions (body's fine.num_nodes x 3) LPS [m].
+ *  @return Errors: ARGUMENT (not finite). */
+PLIANT_API pliant_status pliant_data_set_positions(const pliant_model *model, pliant_data *data,
+                                                   const double *positions);
 
-/** Fine tetrahedra of a simulation that are turned inside out now. */
+/** Enable or disable the deformed volume after every step.
+ *  @param model  The model of the simulation.
+ *  @param data   Unchanged after an error.
+ *  @param target Nullable: no volume. Grid of the volume (pliant_warp_target), copied.
+ *  @return Errors: ARGUMENT, MEMORY. */
+PLIANT_API pliant_status pliant_data_set_warp(const pliant_model *model, pliant_data *data,
+                                              const pliant_geometry *target);
+
+/* ---- RESULTS of the last step */
+
+/** Return the current body. Retain it (pliant_body_retain) to use it after the next step.
+ *  @param data The simulation.
+ *  @return The body, valid as the top of this file says. */
+PLIANT_API const pliant_body *pliant_data_get_body(const pliant_data *data);
+
+/** Return the positions of the fine nodes.
+ *  @param data     The simulation.
+ *  @param revision Nullable, out: revision of the body with these nodes.
+ *  @return (body's fine.num_nodes x 3) LPS [m], valid as the top of this file says. */
+PLIANT_API const double *pliant_data_get_positions(const pliant_data *data, uint64_t *revision);
+
+/** Return the statistics.
+ *  @param data The simulation.
+ *  @return The statistics, valid as the top of this file says. */
+PLIANT_API const pliant_statistics *pliant_data_get_statistics(const pliant_data *data);
+
+/** Return the meaning of a pliant_step_end.
+ *  @param end Any number.
+ *  @return Static text; "" for other numbers. */
+PLIANT_API const char *pliant_step_end_text(int32_t end);
+
+/** Return the deformed volume (pliant_warp_volume) and its bricks.
+ *  @param data The simulation.
+ *  @return The warp, valid until pliant_data_set_warp; NULL without pliant_data_set_warp. */
+PLIANT_API const pliant_warp *pliant_data_get_warp(const pliant_data *data);
+
+/** Return the name of the current backend.
+ *  @param data The simulation.
+ *  @return "cpu" or "cuda", static. */
+PLIANT_API const char *pliant_data_get_backend(const pliant_data *data);
+
+/** Count the inverted fine tetrahedra.
+ *  @param data The simulation.
+ *  @return The number. */
 PLIANT_API int32_t pliant_data_get_inverted(const pliant_data *data);
 
-/** The same of a simulation as its last step left it; contact_force is of one alone: how large the force by contact on a node is [N].
- *  Errors: MEMORY; of pliant_data_scalar for contact_force ARGUMENT. */
-PLIANT_API pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data, pliant_scalar scalar, float *out);
+/** Compute a scalar at the fine nodes: the volume-weighted mean over their tetrahedra. Tetrahedra of a hexahedron have
+ *  the hexahedron's value. Stresses belong to the tissue in a tetrahedron. Energies are per volume of the whole
+ *  tetrahedron.
+ *  @param model  The model of the simulation.
+ *  @param data   The simulation.
+ *  @param scalar The scalar; The unit is in the description of output/scalar. contact_force is the magnitude of the
+ *                nodal contact force [N].
+ *  @param out    (body's fine.num_nodes) Out.
+ *  @return Errors: ARGUMENT (PLIANT_SCALAR_NONE), MEMORY. */
+PLIANT_API pliant_status pliant_data_get_scalar(const pliant_model *model, const pliant_data *data,
+                                                pliant_scalar scalar, float *out);
+
+/* ---- TOOLS: pose and grasp */
+
+/** Find a tool by its name, or add it.
+ *  @param model The model of the simulation.
+ *  @param data  The simulation.
+ *  @param name  At most 47 bytes.
+ *  @param index Out: number of the tool, valid until pliant_data_free.
+ *  @return Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
+PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
+
+/** Return the number of tools.
+ *  @param data The simulation.
+ *  @return The number. */
+PLIANT_API int pliant_data_get_num_tools(const pliant_data *data);
+
+/** Copy the state of a tool.
+ *  @param data The simulation.
+ *  @param tool Number of the tool.
+ *  @param out  Out: the state.
+ *  @return Errors: ARGUMENT (no such tool). */
+PLIANT_API pliant_status pliant_tool_get(const pliant_data *data, int tool, pliant_tool_state *out);
+
+/** Set the measured pose of a tool.
+ *  @param data     The simulation.
+ *  @param tool     Number of the tool.
+ *  @param tip      (3) LPS [m].
+ *  @param rotation Nullable: identity. Quaternion x y z w of any length but 0.
+ *  @return Errors: ARGUMENT (no such tool, not finite, rotation of length 0); the pose stays. */
+PLIANT_API pliant_status pliant_tool_set_pose(pliant_data *data, int tool, const double tip[3],
+                                              const double rotation[4]);
+
+/** Remove the pose of a tool. The tool releases its tissue.
+ *  @param data The simulation.
+ *  @param tool Number of the tool. */
+PLIANT_API void pliant_tool_lost(pliant_data *data, int tool);
+
+/** Grasp a blob of tissue around the tip at its current position.
+ *  @param model The model of the simulation.
+ *  @param data  The simulation.
+ *  @param tool  Number of the tool.
+ *  @param rest  Nullable: the tip. Point at rest to grasp instead, LPS [m].
+ *  @return Errors: ARGUMENT (no tissue there; the tool then grasps nothing), MEMORY. */
+PLIANT_API pliant_status pliant_tool_grasp(const pliant_model *model, pliant_data *data, int tool,
+                                           const double rest[3]);
+
+/** Release the grasped tissue.
+ *  @param data The simulation.
+ *  @param tool Number of the tool. */
+PLIANT_API void pliant_tool_release(pliant_data *data, int tool);
+
+/** Set the constraint between a tool and its grasped tissue.
+ *  @param data  The simulation.
+ *  @param tool  Number of the tool.
+ *  @param drive The constraint.
+ *  @param force (3) PLIANT_DRIVE_FORCE: force on the tissue, LPS [N]. Nullable otherwise.
+ *  @return Errors: ARGUMENT. */
+PLIANT_API pliant_status pliant_tool_set_drive(pliant_data *data, int tool, pliant_drive drive, const double force[3]);
+
+/** Replace the scene's spring of a grasp (grasp/stiffness, grasp/damping).
+ *  @param data      The simulation.
+ *  @param tool      Number of the tool.
+ *  @param stiffness [N/m].
+ *  @param damping   [N s/m].
+ *  @return Errors: ARGUMENT (no such tool, out of range). */
+PLIANT_API pliant_status pliant_tool_set_spring(pliant_data *data, int tool, double stiffness, double damping);
+
+/** Replace the scene's radius of the grasped blob (grasp/radius) from the next grasp on.
+ *  @param data   The simulation.
+ *  @param tool   Number of the tool.
+ *  @param radius [m]; 0: a point.
+ *  @return Errors: ARGUMENT (no such tool, out of range). */
+PLIANT_API pliant_status pliant_tool_set_radius(pliant_data *data, int tool, double radius);
+
+/** Attach a mass at the grasped point. Gravity pulls it, and dynamics accelerates it. A rigid drive ignores it.
+ *  @param data The simulation.
+ *  @param tool Number of the tool.
+ *  @param mass [kg]; 0: no mass.
+ *  @return Errors: ARGUMENT. */
+PLIANT_API pliant_status pliant_tool_set_mass(pliant_data *data, int tool, double mass);
+
+/** Compute the signed distance from a tool's tip to the surface that contact uses. There, the skin lies within the
+ *  elements. The first call for a body prepares the surface.
+ *  @param model The model of the simulation.
+ *  @param data  The simulation.
+ *  @param tool  Number of the tool.
+ *  @return The distance [m]: negative inside the tissue, +infinity for a tool without a pose, NaN if memory is
+ *          missing. */
+PLIANT_API double pliant_tool_clearance(const pliant_model *model, const pliant_data *data, int tool);
+
+/* ---- CUTS */
+
+/** Set the blade of a tool. While it is on, it cuts along the surface that its edge sweeps.
+ *  @param data The simulation.
+ *  @param tool Number of the tool.
+ *  @param from (3) End of the edge in the tool's frame [m].
+ *  @param to   (3) Other end of the edge in the tool's frame [m]; equal to from: no blade.
+ *  @return Errors: ARGUMENT (not finite, longer than 1 m). */
+PLIANT_API pliant_status pliant_tool_set_blade(pliant_data *data, int tool, const double from[3], const double to[3]);
+
+/** Return the edge of a blade by its name: scalpel, scissors or hook. The far end is at the tool's tip, and the
+ *  instrument extends along z.
+ *  @param name Name of the blade.
+ *  @param from (3) Out: end of the edge in the tool's frame [m].
+ *  @param to   (3) Out: other end of the edge in the tool's frame [m].
+ *  @return Errors: ARGUMENT (unknown name; the message lists all names). */
+PLIANT_API pliant_status pliant_blade_find(const char *name, double from[3], double to[3]);
+
+/** Switch a blade on or off from the next step on. A stroke starts at the edge's pose in that step. It ends when the
+ *  blade is off, or the tool is lost or faster than 2 m/s, which counts as a jump. A blade of a tool that grasps tissue
+ *  cuts without a cutting force.
+ *  @param data The simulation.
+ *  @param tool Number of the tool.
+ *  @param on   Whether the blade cuts.
+ *  @return Errors: ARGUMENT (no blade, or cut/kind none). */
+PLIANT_API pliant_status pliant_tool_set_cutting(pliant_data *data, int tool, bool on);
+
+/** Cut along a line of points in deformed space, without a tool and without a cutting force. The cut is one stroke for
+ *  undo.
+ *  @param model  The model of the simulation.
+ *  @param data   Unchanged after an error.
+ *  @param count  Number of points, at least 2.
+ *  @param points (count x 3) LPS [m].
+ *  @param depth  (3) Direction and depth of the cut, LPS [m].
+ *  @param report Nullable, out: result of the cut.
+ *  @return Errors: SCENE (cut/kind: none), ARGUMENT, MEMORY, NUMERIC. */
+PLIANT_API pliant_status pliant_data_cut(const pliant_model *model, pliant_data *data, int32_t count,
+                                         const double *points, const double depth[3], pliant_cut_report *report);
+
+/** Undo the last stroke or pliant_data_cut. The topology is exactly the previous one, with the current positions.
+ *  cut/undo limits the number of strokes that can be undone.
+ *  @param model The model of the simulation.
+ *  @param data  Unchanged after an error.
+ *  @return Errors: ARGUMENT (nothing to undo), MEMORY, NUMERIC, SCENE. */
+PLIANT_API pliant_status pliant_data_undo_cut(const pliant_model *model, pliant_data *data);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,8 @@
 /** @file open.h
- *  Who may decide what is read: a scan, a label map or a table may name further files (a data file, the images of a
- *  folder), and a link may lead anywhere. Whoever takes paths from strangers sets a check.
+ *  Check of every path before a file is read, for programs that receive paths from others.
+ *
+ *  A scan, a label map or a material table may name further files: a data file, or the images of a folder. A link may
+ *  lead anywhere.
  */
 #ifndef PLIANT_OPEN_H
 #define PLIANT_OPEN_H
@@ -11,22 +13,22 @@
 extern "C" {
 #endif
 
-/** Asked before a file or folder is read.
- *  @param real_path absolute, links followed, without "..": of the very thing that will be read.
- *  @return NULL: it may be read; otherwise the reason why not, a few words, valid until the next call. The reader then
- *          ends with PLIANT_ERROR_FILE. */
+/** Decide whether a file or folder may be read. real_path is absolute, with links resolved and without "..".
+ *  @return NULL to allow. Otherwise the reason in a few words, valid until the next call: the reader ends with FILE. */
 typedef const char *(*pliant_open_function)(const char *real_path, void *user);
 
+/** Check of paths. */
 typedef struct pliant_open_check {
-    pliant_open_function function; /**< Nullable: everything may be read (the default) */
-    void *user;
+    pliant_open_function function; /**< Nullable: every file may be read (the default) */
+    void *user;                    /**< passed to every call */
 } pliant_open_check;
 
-/** Set the check of the calling thread, for every function that reads a file by its path (pliant_volume_read,
- *  pliant_labels_read, pliant_material_table_read, pliant_scene_read, pliant_inputs_read and the like). With a check,
- *  a file is held open between the question and the reading, so that nothing can be put in its place; this takes
- *  Linux's /proc, and without it everything is refused.
- *  @return the check that was set before. */
+/** Set the check of the calling thread. It applies to all functions that read a file by its path, such as
+ *  pliant_volume_read, pliant_labels_read, pliant_material_table_read, pliant_scene_read and pliant_inputs_read. The
+ *  file stays open between the check and the reading, so that nobody can replace it. This needs Linux's /proc: without
+ *  it, a set check refuses every file.
+ *  @param check Copied; its user pointer is borrowed until another check is set.
+ *  @return The previous check of the thread. */
 PLIANT_API pliant_open_check pliant_set_open_check(pliant_open_check check);
 
 #ifdef __cplusplus

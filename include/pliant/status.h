@@ -1,9 +1,9 @@
 /** @file status.h
- *  What every function of Pliant returns, and how it tells what went wrong.
+ *  Status codes, error messages, the log and progress.
  *
- *  Rule (CHOLMOD's): 0 done; negative failed and nothing changed; positive done, with a caveat.
- *  The library never prints, exits, aborts or throws: text goes to one log callback, and the message of
- *  the last failure of this thread is kept for whoever must show it to a person.
+ *  Every function that can fail returns pliant_status, with CHOLMOD's sign rule: 0 is success. A negative status is an
+ *  error, and nothing has changed. A positive status is success with a caveat. The library never prints, exits, aborts
+ *  or throws. Text goes to one log callback, and each thread keeps the message of its last error.
  */
 #ifndef PLIANT_STATUS_H
 #define PLIANT_STATUS_H
@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-/** name, value, one-line meaning */
+/** X(name, value, meaning) */
 #define PLIANT_STATUS_LIST(X)                                                                     \
     X(PLIANT_NOT_CONVERGED, 1, "the error is above the tolerance; the best state so far is kept") \
     X(PLIANT_OK, 0, "done")                                                                       \
@@ -29,35 +29,47 @@ extern "C" {
     X(PLIANT_ERROR_SCENE, -5, "the scene asks for something that cannot be built")                \
     X(PLIANT_ERROR_MATERIAL, -6, "a label or intensity has no material")                          \
     X(PLIANT_ERROR_NUMERIC, -7, "the computation broke down; the last good state is kept")        \
-    X(PLIANT_ERROR_UNAVAILABLE, -8, "the backend or device asked for is not there")               \
+    X(PLIANT_ERROR_UNAVAILABLE, -8, "the requested backend or device is not available")           \
     X(PLIANT_ERROR_CANCELLED, -9, "cancelled by the caller")
 
+/** Result of a call. Documentation writes MEMORY for PLIANT_ERROR_MEMORY, and so on. */
 typedef enum pliant_status {
 #define PLIANT_STATUS_ENUM(name, value, text) name = value,
     PLIANT_STATUS_LIST(PLIANT_STATUS_ENUM)
 #undef PLIANT_STATUS_ENUM
 } pliant_status;
 
-/** One line in English for a status. Never NULL. */
+/** Return the meaning of a status as one line in English.
+ *  @param status Any number.
+ *  @return Static text, never NULL. */
 PLIANT_API const char *pliant_status_text(pliant_status status);
 
-/** Message of the last failure in the calling thread ("" when none). It names the file, the field and what
- *  would be right. Valid until this thread's next failing call. */
+/** Return the message of the last error in the calling thread. It names the file, the field, the value and the remedy.
+ *  @return Text, "" if no call has failed. Valid until the next failing call of this thread. */
 PLIANT_API const char *pliant_last_error(void);
 
-typedef enum pliant_log_level { PLIANT_LOG_DEBUG, PLIANT_LOG_INFO, PLIANT_LOG_WARNING, PLIANT_LOG_ERROR } pliant_log_level;
+/** Severity of a log message. */
+typedef enum pliant_log_level {
+    PLIANT_LOG_DEBUG,
+    PLIANT_LOG_INFO,
+    PLIANT_LOG_WARNING,
+    PLIANT_LOG_ERROR
+} pliant_log_level;
+/** Receiver of log messages. The message is valid during the call. */
 typedef void (*pliant_log_function)(pliant_log_level level, const char *message, void *user);
 
-/** The one log callback of the process. NULL (the default) drops messages. It may be called from any
- *  thread, one call at a time. */
+/** Set the log callback of the process. It may be called from any thread, by one thread at a time.
+ *  @param function NULL (the default) drops all messages.
+ *  @param user     Passed to every call; borrowed until another callback is set. */
 PLIANT_API void pliant_set_log(pliant_log_function function, void *user);
 
-/** Progress of long work. fraction is in [0, 1], stage a few words. Return false to cancel: the running
- *  call then ends with PLIANT_ERROR_CANCELLED and changes nothing. */
+/** Receiver of progress of a long call. fraction is in [0, 1]. Return false to cancel: the call then ends with
+ *  CANCELLED and changes nothing. */
 typedef bool (*pliant_progress_function)(double fraction, const char *stage, void *user);
+/** Progress callback of a long call. */
 typedef struct pliant_progress {
-    pliant_progress_function function; /**< Nullable: no progress wanted */
-    void *user;
+    pliant_progress_function function; /**< Nullable: no progress is reported */
+    void *user;                        /**< passed to every call */
 } pliant_progress;
 
 #ifdef __cplusplus

@@ -1,16 +1,16 @@
 /** @file version.h
- *  Which version this is, when compiling and when running, and what the library exports.
+ *  Version of the headers and of the library, and the mark of exported functions.
  */
 #ifndef PLIANT_VERSION_H
 #define PLIANT_VERSION_H
 
-/** Of these headers. While the major version is 0, any minor one may change the interface. */
+/** Version of these headers. While the major version is 0, any minor version may change the interface. */
 #define PLIANT_VERSION_MAJOR 0
 #define PLIANT_VERSION_MINOR 1
 #define PLIANT_VERSION_PATCH 0
 #define PLIANT_VERSION "0.1.0"
 
-/** Before every function that the library exports; all others are hidden. */
+/** Mark of every function that the library exports. All other functions are hidden. */
 #if defined(__GNUC__)
 #define PLIANT_API __attribute__((visibility("default")))
 #else
@@ -21,7 +21,8 @@
 extern "C" {
 #endif
 
-/** PLIANT_VERSION of the library that runs, which may be newer than the headers that a program was compiled with. Static. */
+/** Return the version of the loaded library, which may be newer than the headers of the compiled program.
+ *  @return Text such as PLIANT_VERSION, static. */
 PLIANT_API const char *pliant_version(void);
 
 #ifdef __cplusplus

@@ -66,13 +66,13 @@ geometry_msgs::Transform transform_message(const Rigid &motion);
 
 /** CRTK: stamp 0 marks invalid data. False for it, for what rigid_from_message refuses and without frame_id. */
 bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why);
-/** measured_cp of any robot: a TransformStamped before 2022, and still on some (RAVEN's CRTK). @param frame of one that names none. False for
- *  any other type. */
+/** Read measured_cp of any robot. It was a TransformStamped before 2022, and still is on some robots (RAVEN's CRTK). @param frame Frame of a
+ *  message without frame_id. Return false for any other type. */
 bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame, geometry_msgs::PoseStamped *out, std::string *why);
-/** Opening of a jaw [rad]. False for stamp 0, which a setpoint may have, no position, or one that is not finite. */
+/** Read the opening of a jaw [rad]. Return false for stamp 0 (allowed for a setpoint), and without a finite position. */
 bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why, bool setpoint = false);
 
-/** Pose of voxel 0, 0, 0 whose axes are those of the grid; a left-handed grid has its third axis turned over and
+/** Return the pose of voxel 0, 0, 0 with the axes of the grid. A left-handed grid has its third axis reversed and
  *  *flipped set. */
 void geometry_to_message(const pliant_geometry &geometry, geometry_msgs::Pose *origin, bool *flipped,
                          geometry_msgs::Vector3 *spacing);
@@ -88,14 +88,16 @@ struct Box {
 /** The smallest boxes (in voxels of the volume) around each connected group of changed bricks; one box where
  *  several would hold more voxels. Empty when nothing changed. */
 std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, const int32_t size[3]);
-/** At most so many boxes that hold the same voxels: those whose union adds the fewest others become one. Of more than 128 boxes: the one that holds all. */
+/** Merge boxes until at most `most` are left, each time the two whose union adds the fewest voxels. More than 128 boxes
+ *  become one box. */
 std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most);
-/** What two boxes share; a size of 0 along an axis: nothing. */
+/** Return the intersection of two boxes. A size of 0 along an axis: it is empty. */
 Box common_box(const Box &a, const Box &b);
-/** The voxels whose centres lie between two corners of a box in LPS [m], those of a turned grid in the box around it. At least one voxel. */
+/** Return the voxels with centres between two corners of a box in LPS [m], at least one voxel. For a rotated grid, it is
+ *  the enclosing box of voxels. */
 Box region_box(const pliant_geometry &geometry, const double low[3], const double high[3]);
-/** Header, scan_id, revision, sequence and since are the caller's.
- *  @param region what is the whole; must lie inside the volume
+/** Fill a volume message. Header, scan_id, revision, sequence and since are the caller's.
+ *  @param region The published region, inside the volume.
  *  @param box    must lie inside the region */
 void volume_message(const pliant_volume &volume, const Box &region, const Box &box, Volume *out);
 /** Every step-th voxel of a region along each axis, from its first one on. The caller's is the same. */
@@ -108,32 +110,31 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
 void topology_message(const pliant_surface &surface, MeshTopology *out);
 /** Header, revision and step are the caller's.
  *  @param positions (fine.num_nodes x 3) [m]
- *  @param contact_force (fine.num_nodes) [N], where scalar is contact_force; empty: none. Errors: those of pliant_data_scalar; then *out holds no scalar. */
+ *  @param contact_force (fine.num_nodes) [N], where scalar is contact_force; empty: none. Errors: as of pliant_data_scalar. *out then has no scalar. */
 pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, pliant_scalar scalar,
                                  const std::vector<float> &contact_force, MeshState *out);
 /** As the option output/scalar calls it. */
 const char *scalar_name(pliant_scalar scalar);
 
-/** Of the tool on the tissue, at its tip, in the axes of the frame the tool's pose came in. Never NaN: a force that
- *  is not finite becomes zero. Header is the caller's.
- *  @param frame_from_tissue quaternion that turns tissue axes into those of the frame */
+/** Fill the wrench of the tool on the tissue at its tip, in the axes of the frame of the tool's pose. A force that is not
+ *  finite becomes zero. Header is the caller's.
+ *  @param frame_from_tissue Quaternion of the rotation from tissue axes to frame axes. */
 void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
 /** The torque of a wrench about another point, in the same axes.
  *  @param torque about the point that the force acts at, at [m, N, N m] */
 void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3], double out[3]);
-/* what a tool does to the tissue by all that it has, about its tip [N, N m] */
+/** Return the total force and torque of a tool on the tissue, about its tip [N, N m]. */
 void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3]);
 /** Header is the caller's.
  *  @param clearance of pliant_tool_clearance [m] */
 void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts, ContactState *out);
-/** What a tool's blade does. Header and revision are the caller's. */
+/** Fill the state of a tool's blade. Header and revision are the caller's. */
 void cut_message(const pliant_tool_state &tool, Cut *out);
 /** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the
  *  caller's. */
 void timing_message(const pliant_statistics &statistics, StepTiming *out);
 
-/** What was chosen, for every message that has the fields choice, choice_error and choice_seconds: empty and NaN when
- *  nothing was. */
+/** Fill the fields choice, choice_error and choice_seconds of a message. Without a choice they are empty and NaN. */
 template <class Message> void choice_message(const pliant_choice &choice, Message *out)
 {
     const float none = std::numeric_limits<float>::quiet_NaN();
@@ -142,21 +143,20 @@ template <class Message> void choice_message(const pliant_choice &choice, Messag
     out->choice_seconds = choice.made ? static_cast<float>(choice.seconds) : none;
 }
 
-/** A ray into tissue axes, and what it met back into those of the caller. */
+/** Convert a ray to tissue axes, and the picked point to the caller's axes. */
 pliant_ray ray_from_message(const Pick::Request &request, const Rigid &tissue_from_frame);
 void pick_message(const pliant_picked &picked, const Rigid &frame_from_tissue, Pick::Response *out);
 
 /** A line to cut along, into tissue axes. */
 CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_from_frame);
 
-/** The surface for stock rviz, coloured by displacement from rest (blue 0, red the largest, at least 1 mm) or, where
- *  given, by the scalar (blue its smallest, red its largest), with light from the front. Header is the caller's.
+/** Fill the surface for stock rviz, with light from the front. It is coloured by the scalar (blue: smallest, red:
+ *  largest), or without one by displacement (blue: 0, red: the largest, at least 1 mm). Header is the caller's.
  *  @param scalar (fine.num_nodes) or empty */
 void marker_message(const pliant_surface &surface, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
 /** Write a tool for stock rviz: an arrow from its tip along its force on the tissue, 5 mm a newton, at most 0.2 m. A tool without a proxy
- *  has a ball at its tip, too (grey: in the air, yellow: in the tissue, green: it holds). (A Wrench display draws its arrow at the
- *  origin of the frame, not at the tip.) Header is that of both markers.
+ *  has a ball at its tip, too (grey: in the air, yellow: in the tissue, green: it holds). (A Wrench display draws its arrow at the origin of the frame, not at the tip.) Both markers have the header.
  *  @param clearance of pliant_tool_clearance [m] */
 void tool_markers_message(const pliant_tool_state &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out);
@@ -178,16 +178,17 @@ enum CameraConvention {
     AMBF     /**< x backwards, y right, z up */
 };
 /** Where a camera is, from where its frame is in the tissue.
- *  @param aside how far it is to the right of that [m]: the other eye */
+ *  @param aside Offset to the right [m], for the other eye. */
 void camera_from_frame(const Rigid &tissue_from_frame, CameraConvention convention, double aside, pliant_camera *camera);
 /** Its calibration: no distortion. Header is the caller's.
  *  @param baseline of a stereo camera's right eye, else 0 [m] */
 void camera_info_message(const pliant_camera &camera, double baseline, sensor_msgs::CameraInfo *out);
-/** Size and pixels as a calibration has them, for pictures without distortion. False where it is none. */
+/** Size and pixels as a calibration has them, for pictures without distortion. Return false if it is not a valid calibration. */
 bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera);
 /** A picture with one channel of 32FC1 or 8UC1, or with three of rgb8. Header is the caller's. */
 void camera_image_message(const pliant_camera &camera, const std::string &encoding, const void *pixels, sensor_msgs::Image *out);
-/** What a camera sees as points, in the axes of its frame: x, y, z, rgb, a point a pixel; NaN where nothing is seen. Header is the caller's. */
+/** Fill one point per pixel of a camera, in the axes of its frame: x, y, z, rgb. It is NaN without a surface. Header is the
+ *  caller's. */
 void camera_points_message(const pliant_camera &camera, CameraConvention convention, const uint8_t *rgb, const float *depth,
                            sensor_msgs::PointCloud2 *out);
 
@@ -197,9 +198,9 @@ enum Plane {
     CORONAL,  /**< right: patient's left, down: inferior */
     SAGITTAL  /**< right: posterior, down: inferior */
 };
-/** A plane through the volume as 32FC1 in the volume's values (CT: Hounsfield units), trilinear, square pixels as
- *  wide as the finest spacing, covering the volume's box; outside it the background. 32FC1 because it needs no
- *  window: stock rviz shows it with its own minimum and maximum, and the values stay readable. Header is the caller's.
+/** Fill a plane through the volume's box as 32FC1 in the volume's values (CT: Hounsfield units). Interpolation is
+ *  trilinear, pixels are square with the finest spacing, and the background is outside. 32FC1 needs no window: stock rviz
+ *  shows it with its own minimum and maximum. Header is the caller's.
  *  @param fraction where the plane cuts the box along the patient axis: 0 at its right, anterior or inferior side, 1 at
  *                  the other */
 void slice_message(const pliant_volume &volume, Plane plane, double fraction, sensor_msgs::Image *out);

@@ -17,7 +17,7 @@ class Node {
 public:
     /** @param handle         namespace of the topics and services
      *  @param private_handle namespace of the parameters
-     *  Returns at once; the scan is loaded beside. Throws std::runtime_error with a message for a person when a
+     *  Returns at once. A thread loads the scan. Throws std::runtime_error with a message for a person when a
      *  parameter is wrong. A scan that cannot be loaded is no error: the topic `state` says so, and load_scan may try
      *  again. */
     Node(ros::NodeHandle handle, ros::NodeHandle private_handle);

@@ -1,4 +1,4 @@
-/* Shapes of tools: what the library needs beyond pliant/contact.h and pliant/solid.h. */
+/* Shapes of tools: functions for the library and nodes. */
 #ifndef PLIANT_CONTACT_TOOL_SHAPE_H
 #define PLIANT_CONTACT_TOOL_SHAPE_H
 
@@ -9,26 +9,27 @@
 extern "C" {
 #endif
 
-/* Whether a part of it moves with the jaws' angle. */
+/* Return whether a part of the shape moves with the jaws. */
 PLIANT_INTERNAL bool pliant_tool_shape_has_jaws(const pliant_tool_shape *shape);
 
-/* Whether a tool of this shape takes hold by contact alone (grasp/kind): who closes its jaws then calls no pliant_tool_grasp. */
+/* Return whether a tool of this shape grasps by contact only (grasp/kind). Closing jaws then need no pliant_tool_grasp. */
 PLIANT_INTERNAL bool pliant_tool_shape_holds(const pliant_scene *scene, const pliant_tool_shape *shape);
 
-const pliant_solid *pliant_solid_retain(const pliant_solid *solid); /* Nullable. @return the same */
+/* Add a reference to a solid. Return solid, which is Nullable. */
+const pliant_solid *pliant_solid_retain(const pliant_solid *solid);
 
 typedef struct pliant_solid_surface {
     int32_t num_points, num_triangles;
-    const double *points;     /* (num_points x 3), turned, corners that were one joined [m] */
-    const int32_t *triangles; /* (num_triangles x 3) outwards counter-clockwise */
+    const double *points;     /* (num_points x 3) rotated to the tool's axes, without duplicates [m] */
+    const int32_t *triangles; /* (num_triangles x 3) counter-clockwise seen from outside */
     bool convex;
-    double resolution;        /* of its field; 0: it is convex, and exact [m] */
-    double error;             /* how far its field is from 0 on the surface, at most: at corners and middles of triangles [m] */
+    double resolution;        /* grid spacing of the distance field [m]; 0: convex, with exact distances */
+    double error;             /* largest distance of the field from 0 at corners and centres of triangles [m] */
     double volume;            /* [m^3] */
     size_t bytes;
 } pliant_solid_surface;
 
-/* What it is made of. Pointers live as long as it does. */
+/* Return the surface of a solid. Its pointers are valid as long as the solid. */
 PLIANT_INTERNAL void pliant_solid_get_surface(const pliant_solid *solid, pliant_solid_surface *out);
 
 #ifdef __cplusplus

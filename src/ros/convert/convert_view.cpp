@@ -200,6 +200,7 @@ void append_part(const pliant_part &part, const Eigen::Isometry3d &pose, visuali
         out->markers.push_back(marker);
         break;
     case PLIANT_PART_SOLID: append_solid(part, pose, marker, out); break;
+    case PLIANT_NUM_PART_KINDS:
     case PLIANT_PART_HALF_SPACE: break; /* only obstacles are half spaces */
     }
 }
