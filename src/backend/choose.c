@@ -1,6 +1,9 @@
 #include "backend/backend.h"
+#include "base/count.h"
 #include "base/fail.h"
 #include "warp/device.h"
+
+static_assert(PLIANT_COUNT_OF(PLIANT_SOLVER_LIST) == 2, "a new solver needs its functions here");
 
 const pliant_host_solver *pliant_host_solver_of(const pliant_model *model) { return model->tled ? &pliant_explicit : &pliant_corotational; }
 

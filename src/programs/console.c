@@ -3,6 +3,7 @@
 
 #include "programs/stop.h"
 
+#include <assert.h>
 #include <signal.h> /* sig_atomic_t */
 #include <stdio.h>
 #include <string.h>
@@ -23,6 +24,7 @@ static void ask_stop(int number)
 static void print_log(pliant_log_level level, const char *message, void *user)
 {
     static const char *const names[] = {"debug", "info", "warning", "error"};
+    static_assert(sizeof names / sizeof *names == PLIANT_LOG_ERROR + 1, "each level has a name");
     (void)user;
     if (level < lowest) return;
     console_progress_end();

@@ -8,6 +8,7 @@
 #include "state/data.h"
 #include "base/memory.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -20,6 +21,7 @@ enum { NUM_METHODS = sizeof method_names / sizeof *method_names };
 const char *pliant_verdict_name(pliant_verdict verdict)
 {
     static const char *const names[] = {"converged", "refused", "degraded", "broken"};
+    static_assert(sizeof names / sizeof *names == PLIANT_VERDICT_BROKEN + 1, "each verdict has a name");
     return names[verdict];
 }
 

@@ -2,6 +2,7 @@
 
 #include "scene/yaml.h"
 
+#include <assert.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -112,6 +113,7 @@ static bool is_auto(const pliant_option *option, double value) { return option->
 static void describe(void)
 {
     static const char *const kinds[] = {"bool", "int", "int3", "real", "real3", "length", "string", "choice"};
+    static_assert(sizeof kinds / sizeof *kinds == PLIANT_OPTION_CHOICE + 1, "each kind of option has a name");
     for (int i = 0; i < NUM_OPTIONS; ++i) {
         const pliant_option *o = &table[i];
         char *value = default_texts[i], *range = range_texts[i];

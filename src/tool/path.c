@@ -7,6 +7,7 @@
 #include "tool/shape_text.h"
 #include "base/memory.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -177,7 +178,8 @@ static bool check_time(const char *field, double time, bool after, double before
 static bool read_drive(const char *text, pliant_drive *out, char reason[REASON_SIZE])
 {
     static const char *const names[] = {"spring", "rigid", "force"};
-    for (int n = 0; n < 3; ++n)
+    static_assert(sizeof names / sizeof *names == PLIANT_NUM_DRIVES, "each drive has a name");
+    for (int n = 0; n < PLIANT_NUM_DRIVES; ++n)
         if (!text || strcmp(text, names[n]) == 0) {
             *out = (pliant_drive)n;
             return true;

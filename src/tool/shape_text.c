@@ -4,6 +4,7 @@
 #include "contact/shapes/shapes.h"
 #include "base/memory.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -96,6 +97,8 @@ static bool read_solid(const pliant_part_text *text, const char *beside, pliant_
 static bool read_part(const pliant_part_text *text, const char *beside, pliant_part *out, char *reason, size_t size)
 {
     static const char *const kinds[] = {"sphere", "capsule", "box", "convex", "mesh"}, *const frames[] = {"tip", "jaw_plus", "jaw_minus"};
+    static_assert(PLIANT_PART_SPHERE == 0 && PLIANT_PART_CAPSULE == 1 && PLIANT_PART_BOX == 2 && PLIANT_NUM_PART_KINDS == 5, "kinds by their names");
+    static_assert(sizeof frames / sizeof *frames == PLIANT_NUM_PART_FRAMES, "each frame has a name");
     const int kind = choose(text->kind, kinds, 5), frame = choose(text->moves, frames, 3);
     const bool is_solid = kind >= 3, told_solid = text->file || text->unit || text->resolution || text->rpy || text->points;
     if (kind < 0) snprintf(reason, size, "shape/parts/kind: '%.64s' is neither sphere, capsule, box, convex nor mesh", text->kind);

@@ -432,7 +432,7 @@ extern "C" pliant_status pliant_cuda_tled_substep(const gpu_tled *tled, int32_t 
     switch (tled->law) {
     case PLIANT_LAW_NEO_HOOKEAN: launch<PLIANT_LAW_NEO_HOOKEAN>(tled, number, stream); break;
     case PLIANT_LAW_COMPRESSIBLE: launch<PLIANT_LAW_COMPRESSIBLE>(tled, number, stream); break;
-    default: launch<PLIANT_LAW_SAINT_VENANT_KIRCHHOFF>(tled, number, stream); break;
+    case PLIANT_LAW_SAINT_VENANT_KIRCHHOFF: launch<PLIANT_LAW_SAINT_VENANT_KIRCHHOFF>(tled, number, stream); break;
     }
     CUDA_TRY(CUDA_LAUNCHED("a sub-step"));
     if (!tled->still && pulled) {

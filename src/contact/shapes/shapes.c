@@ -4,6 +4,7 @@
 #include "contact/shapes/solid.h"
 #include "contact/shapes/tool_shape.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -52,6 +53,8 @@ static double from_box(const pliant_part *part, const double p[3], double normal
     for (int d = 0; d < 3; d++) normal[d] = d == nearest ? copysign(1, p[d] - 0.5 * (part->from[d] + part->to[d])) : 0;
     return inside - part->radius;
 }
+
+static_assert(PLIANT_NUM_PART_KINDS == 5, "a new kind of part needs its distance, depth, reach and box in this file");
 
 double pliant_part_distance(const pliant_part *part, const double p[3], double normal[3])
 {

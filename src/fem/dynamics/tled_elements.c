@@ -243,19 +243,23 @@ typedef void (*forces_function)(const pliant_tled *, int32_t, float, float *);
 
 static forces_function forces_of(const pliant_tled_system *system)
 {
-    static const forces_function table[3][2][2] = {
-        {{neo_hookean, neo_hookean_nodal}, {neo_hookean_viscous, neo_hookean_viscous_nodal}},
-        {{compressible, compressible_nodal}, {compressible_viscous, compressible_viscous_nodal}},
-        {{saint_venant_kirchhoff, NULL}, {saint_venant_kirchhoff_viscous, NULL}},
+    static const forces_function table[][2][2] = {
+        [PLIANT_LAW_NEO_HOOKEAN] = {{neo_hookean, neo_hookean_nodal}, {neo_hookean_viscous, neo_hookean_viscous_nodal}},
+        [PLIANT_LAW_COMPRESSIBLE] = {{compressible, compressible_nodal}, {compressible_viscous, compressible_viscous_nodal}},
+        [PLIANT_LAW_SAINT_VENANT_KIRCHHOFF] = {{saint_venant_kirchhoff, NULL}, {saint_venant_kirchhoff_viscous, NULL}},
     };
+    static_assert(sizeof table / sizeof *table == PLIANT_COUNT_OF(PLIANT_LAW_LIST), "each law has its functions");
     return table[system->law][system->num_prony > 0][system->nodal_pressure];
 }
 
 static forces_function cube_forces_of(const pliant_tled_system *system)
 {
-    static const forces_function table[3][2] = {{neo_hookean_cubes, neo_hookean_viscous_cubes},
-                                                {compressible_cubes, compressible_viscous_cubes},
-                                                {saint_venant_kirchhoff_cubes, saint_venant_kirchhoff_viscous_cubes}};
+    static const forces_function table[][2] = {
+        [PLIANT_LAW_NEO_HOOKEAN] = {neo_hookean_cubes, neo_hookean_viscous_cubes},
+        [PLIANT_LAW_COMPRESSIBLE] = {compressible_cubes, compressible_viscous_cubes},
+        [PLIANT_LAW_SAINT_VENANT_KIRCHHOFF] = {saint_venant_kirchhoff_cubes, saint_venant_kirchhoff_viscous_cubes},
+    };
+    static_assert(sizeof table / sizeof *table == PLIANT_COUNT_OF(PLIANT_LAW_LIST), "each law has its functions");
     return table[system->law][system->num_prony > 0];
 }
 

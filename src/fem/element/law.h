@@ -15,6 +15,7 @@
 #ifndef PLIANT_FEM_ELEMENT_LAW_H
 #define PLIANT_FEM_ELEMENT_LAW_H
 
+#include "base/count.h"
 #include "base/inline.h"
 #include "pliant/scene.h"
 
@@ -23,6 +24,9 @@ extern "C" {
 #endif
 
 #define PLIANT_SMALLEST_RATIO 0.3
+
+static_assert(PLIANT_COUNT_OF(PLIANT_LAW_LIST) == 3,
+              "a new law needs its terms in law.h and law.c, its functions in tled_elements.c, its kernel in tled_step.cu");
 
 /* Define the terms of the stress for a floating type. b = shear + volume: `volume` resists a change of volume, `shear`
  * is the rest. `volume` is linear in the modulus that pliant_law_modulus returns, as needed for nodal pressures. */

@@ -119,6 +119,8 @@ static double respond(const pliant_scene *scene, const double f[9], const pliant
 /* Return the fraction of the tissue's moduli that an element has: it may hold air, or be a fragment. */
 static double tissue_part(const pliant_tet_material *material) { return material->tissue > 0 ? fmax(material->tissue, least_part) : 1; }
 
+static_assert(PLIANT_COUNT_OF(PLIANT_SCALAR_LIST) == 7, "a new scalar needs its value in measure()");
+
 static double measure(const pliant_scene *scene, const double f[9], double volume, const pliant_tet_material *material, pliant_scalar scalar)
 {
     double stress[6], values[3];

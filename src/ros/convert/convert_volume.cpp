@@ -143,6 +143,10 @@ Raster raster_of(const pliant_geometry &geometry, Plane plane, double fraction)
     return raster;
 }
 
+static_assert(int(pliant::Volume::UINT8) == PLIANT_UINT8 && int(pliant::Volume::INT16) == PLIANT_INT16 &&
+                  int(pliant::Volume::FLOAT32) == PLIANT_FLOAT32,
+              "Volume.msg and pliant_encoding use the same numbers");
+
 std::vector<float> pixels_of(const pliant_volume &volume, const Raster &raster)
 {
     std::vector<float> pixels(static_cast<size_t>(raster.width) * raster.height);

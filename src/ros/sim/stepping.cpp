@@ -42,6 +42,15 @@ uint64_t checksum(const double *values, size_t count)
 
 } // namespace
 
+// messages and structs use the same numbers
+static_assert(int(pliant::ToolPart::SPHERE) == PLIANT_PART_SPHERE && int(pliant::ToolPart::CAPSULE) == PLIANT_PART_CAPSULE &&
+                  int(pliant::ToolPart::BOX) == PLIANT_PART_BOX && int(pliant::ToolPart::SOLID) == PLIANT_PART_SOLID &&
+                  PLIANT_NUM_PART_KINDS == 5,
+              "ToolPart.msg names every kind of part but half-spaces, which are obstacles");
+static_assert(int(pliant::ToolPart::TIP) == PLIANT_FRAME_TIP && int(pliant::ToolPart::JAW_PLUS) == PLIANT_FRAME_JAW_PLUS &&
+                  int(pliant::ToolPart::JAW_MINUS) == PLIANT_FRAME_JAW_MINUS && PLIANT_NUM_PART_FRAMES == 3,
+              "ToolPart.msg names every frame of a part");
+
 void set_shape(const pliant_tool_shape &shape, ToolInput *out)
 {
     out->shape.clear();

@@ -1,5 +1,6 @@
 #include "sim/build/discretization.h"
 
+#include "base/count.h"
 #include "base/fail.h"
 #include "base/room.h"
 #include "base/threads.h"
@@ -12,6 +13,9 @@
 #include "state/discretization.h"
 
 #include <string.h>
+
+static_assert(PLIANT_COUNT_OF(PLIANT_METHOD_LIST) == 6 && PLIANT_COUNT_OF(PLIANT_ELEMENT_LIST) == 3,
+              "a new method or element needs its systems in this file");
 
 static void free_discretization(pliant_discretization *made)
 {
