@@ -1,7 +1,7 @@
 // No leg makes an element smaller than its least volume: random motions of a mesh against samples of the same motions.
 #include "contact/advance/volume.h"
 #include "contact/detect/find.h"
-#include "pliant/memory.h"
+#include "base/memory.h"
 
 #include <gtest/gtest.h>
 
