@@ -249,7 +249,7 @@ PLIANT_API pliant_status pliant_data_get_scalar(const pliant_model *model, const
  *  @param data  The simulation.
  *  @param name  At most 47 bytes.
  *  @param index Out: number of the tool, valid until pliant_data_free.
- *  @return Errors: ARGUMENT (more than PLIANT_MAX_TOOLS). */
+ *  @return Errors: ARGUMENT (more than PLIANT_MAX_TOOLS, or a longer name). */
 PLIANT_API pliant_status pliant_tool_add(const pliant_model *model, pliant_data *data, const char *name, int *index);
 
 /** Return the number of tools.

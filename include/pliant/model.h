@@ -53,8 +53,7 @@ PLIANT_API pliant_status pliant_inputs_read(const pliant_scene *scene, const cha
  *  @param materials Copied.
  *  @param progress  Callback; it can cancel the call.
  *  @param out       Out: free with pliant_model_free.
- *  @return Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (too few fixed nodes), UNAVAILABLE (no GPU for backend
- *          cuda), CANCELLED. */
+ *  @return Errors: SCENE, MATERIAL, FORMAT, MEMORY, NUMERIC (too few fixed nodes), CANCELLED. */
 PLIANT_API pliant_status pliant_model_build(const pliant_scene *scene, const pliant_volume *scan,
                                             const pliant_labels *labels, const pliant_material_table *materials,
                                             pliant_progress progress, pliant_model **out);
