@@ -1,6 +1,6 @@
 /* Nearest points of rigid parts to nodes, edges and triangles of the tissue's surface. No tissue is in a part's
- * core at the start of a leg. Therefore the nearest point of the core, and the normal there, are unique for a
- * convex part. */
+ * core at the start of a leg. Therefore the nearest point of the core determines the side on which the tissue is,
+ * without memory of previous legs. */
 #include "contact/detect/finder.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* Where tissue touches tissue in a step: outer surfaces. */
+/* Contact points of tissue on tissue: outer surfaces. */
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
@@ -30,9 +30,10 @@ static void search_node(const finding *on, int32_t index)
     pliant_tissue_try_last(&on->view, index);
 }
 
-/* ---- what lay deep inside before it was seen */
+/* ---- nodes deep inside tissue */
 
-/* A node that lies in the tetrahedra that a walk from one leads to: the shortest way out of them, over all triangles. It is kept up from then on. */
+/* Test whether a walk from a tetrahedron ends in one that contains the node. If so, search all triangles for the
+ * shortest direction out, and add it as a contact. */
 static void try_deep(const finding *on, int32_t index, int32_t tet)
 {
     const pliant_tissue *tissue = on->tissue;
@@ -69,7 +70,8 @@ static void try_pair(const finding *on, int32_t of, int32_t in)
     }
 }
 
-/* Nodes all around which is inside, from those beside them that are; in the order of their numbers, until there are no more. */
+/* Find nodes that are inside together with all of their surroundings, starting from adjacent nodes that are inside.
+ * Repeat in the order of their numbers until no node is added. */
 static void spread(const finding *on)
 {
     const pliant_tissue *tissue = on->tissue;
@@ -103,7 +105,7 @@ static pliant_contact_point *append(pliant_contacts *out)
     return point;
 }
 
-/* As far out as a step may bring it. */
+/* Set the point's position so that a step reduces the penetration depth gradually. */
 static void set_place(pliant_contact_point *point, double gap, const pliant_tissue_rule *rule)
 {
     const double left = pliant_contact_left(gap, rule->recovery, rule->stays);
@@ -137,9 +139,9 @@ static pliant_status tell_nodes(const finding *on, pliant_contacts *out)
     return PLIANT_OK;
 }
 
-/* ---- edges that cross */
+/* ---- crossing edges */
 
-/* whether a node of it is in what it touches */
+/* Return whether a node of the tetrahedron is inside tissue. */
 static bool touches_any(const finding *on, int32_t tet)
 {
     const pliant_tissue *tissue = on->tissue;
@@ -150,7 +152,7 @@ static bool touches_any(const finding *on, int32_t tet)
     return false;
 }
 
-/* The mean of the normals on both sides. false: there is no edge to speak of */
+/* Compute the mean normal of an edge's two triangles. Return false if the triangles are almost coplanar. */
 static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3])
 {
     const pliant_tissue *tissue = on->tissue;
@@ -159,14 +161,14 @@ static bool edge_normal(const finding *on, int32_t skin, int edge, double out[3]
     return beside < 0 || pliant_tissue_dot(tissue->normal[skin], tissue->normal[beside]) < on->view.settings.flat_cosine;
 }
 
-/* whether a point, seen from the edge, is below both triangles */
+/* Return whether a point, relative to the edge, is below both triangles. */
 static bool is_below(const pliant_tissue *tissue, int32_t skin, int edge, const double to[3])
 {
     const int32_t beside = tissue->skin[skin].beside[edge];
     return pliant_tissue_dot(to, tissue->normal[skin]) < 0 && (beside < 0 || pliant_tissue_dot(to, tissue->normal[beside]) < 0);
 }
 
-/* the lower of an edge's two triangles, and which of its edges it is */
+/* Return the number of an edge: from its triangle with the lower number. */
 static uint64_t edge_number(const pliant_tissue *tissue, int32_t skin, int edge)
 {
     const int32_t beside = tissue->skin[skin].beside[edge];
@@ -190,7 +192,8 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     const double square = pliant_tissue_dot(normal, normal);
     if (!(square > 1e-4 * pliant_tissue_dot(u, u) * pliant_tissue_dot(w, w))) return PLIANT_OK;
     pliant_tissue_cross(w, to, side);
-    const double s = pliant_tissue_dot(side, normal) / square; /* of the way along each, where they are nearest */
+    /* fraction of each edge at its nearest point to the other one */
+    const double s = pliant_tissue_dot(side, normal) / square;
     pliant_tissue_cross(u, to, side);
     const double t = pliant_tissue_dot(side, normal) / square;
     if (!(s > 0 && s < 1 && t > 0 && t < 1)) return PLIANT_OK;
@@ -211,7 +214,8 @@ static pliant_status cross_edges(const finding *on, int32_t a, int i, int32_t b,
     if (!point) return pliant_fail_memory("contacts of tissue with tissue");
     const double weight[4] = {1 - s, s, t - 1, -t};
     const uint64_t first = edge_number(tissue, a, i), second = edge_number(tissue, b, j);
-    const bool turned = first > second; /* the lower one is pushed, whoever was found first */
+    /* the edge with the lower number is the first side, in any order of the search */
+    const bool turned = first > second;
     point->feature = (uint64_t)PLIANT_TISSUE_EDGE << 56 | (turned ? second : first) << 28 | (turned ? first : second);
     point->count = 4;
     for (int v = 0; v < 4; v++) {
@@ -257,7 +261,7 @@ static pliant_status tell_edges(const finding *on, pliant_contacts *out)
     return PLIANT_OK;
 }
 
-/* ---- all of them */
+/* ---- all contact points */
 
 static pliant_status tell_faces(const finding *on, pliant_contacts *out)
 {
@@ -282,7 +286,8 @@ static pliant_status tell_faces(const finding *on, pliant_contacts *out)
     return pliant_cut_slid_points(tissue->body, tissue->num_faces, tissue->face, tissue->slid, tissue->piece, nodes, rule, out);
 }
 
-/* What two nodes may come nearer in a step, by the one before: a step that begins apart must not end deep inside. At most the shortest edge. */
+/* Return the search distance: nodes can approach each other in a step by about as much as in the previous one.
+ * Otherwise a step could end deep inside tissue. The limit is the shortest edge. */
 static double find_margin(const pliant_tissue *tissue, const double *positions, double margin)
 {
     double mean[3] = {0, 0, 0}, most = 0;
@@ -306,7 +311,7 @@ static void keep_places(pliant_tissue *tissue, const double *positions)
     tissue->has_place = true;
 }
 
-/* By the CPU: pairs of tetrahedra that overlap, normals, what every node touches. */
+/* Search on the CPU: overlapping pairs of tetrahedra, normals, and the contacts of every node. */
 static pliant_status search(const finding *on)
 {
     pliant_tissue *tissue = on->tissue;

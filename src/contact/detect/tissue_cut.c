@@ -12,12 +12,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double folded = 0.1; /* a face that lies less than so far along the cut around it is none: of its links' area */
+/* fraction of its links' area; a face with a smaller projected area is folded and is left out */
+static const double folded = 0.1;
 
-/* of a severed link */
+/* A severed link between two fragments. */
 typedef struct parting {
     int32_t tet[2], number;
-    double middle[3], towards[3]; /* at rest [m]; to tet[0], as long as the link's area [m^2] */
+    double middle[3], towards[3]; /* position at rest [m]; normal to tet[0], times the link's area [m^2] */
 } parting;
 
 static int compare_partings(const void *a, const void *b)
@@ -61,10 +62,10 @@ static bool find_parting(const pliant_body *body, int32_t number, parting *out)
     return true;
 }
 
-/* What links towards one face's first fragment have in common with those around it. */
+/* The links of one face, and a normal that also uses the adjacent faces. */
 typedef struct patch {
-    int32_t first, count;   /* of the partings */
-    double middle[3], own[3], normal[3], area; /* own: the sum of its links */
+    int32_t first, count;   /* range in the sorted list of links */
+    double middle[3], own[3], normal[3], area; /* own: sum of the face's links */
 } patch;
 
 static void gather(const parting *list, patch *one)
@@ -80,8 +81,9 @@ static void gather(const parting *list, patch *one)
     }
 }
 
-/* Voxels leave steps, each of which would hold the other side: normals are those of all faces of either fragment, twice over.
- * sum: (tetrahedra x 3) room, all 0 */
+/* Smooth the faces' normals twice: each normal becomes the sum over all faces of both fragments. Faces of voxels
+ * form steps that would block sliding.
+ * @param sum (tetrahedra x 3) buffer, all 0 */
 static void smooth(const parting *list, int32_t count, patch *patches, double *sum)
 {
     for (int32_t p = 0; p < count; p++) memcpy(patches[p].normal, patches[p].own, sizeof patches[p].own);
@@ -108,7 +110,7 @@ static void smooth(const parting *list, int32_t count, patch *patches, double *s
     }
 }
 
-/* false: its links point into no direction */
+/* Compute a face. Return false if its links have no common direction. */
 static bool find_face(const pliant_mesh *mesh, const int32_t tet[2], const patch *one, pliant_cut_face *out)
 {
     double normal[3], along[2][3], square = 0;
@@ -140,7 +142,7 @@ static bool find_face(const pliant_mesh *mesh, const int32_t tet[2], const patch
 
 static bool same_face(const parting *a, const parting *b) { return a->tet[0] == b->tet[0] && a->tet[1] == b->tet[1]; }
 
-/* of partings in order */
+/* Compute all faces. list: sorted by pair of fragments */
 static pliant_status make_faces(const pliant_body *body, const parting *list, int32_t found, pliant_cut_face **out, int32_t *count)
 {
     int32_t num_patches = 0;
@@ -184,7 +186,7 @@ pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, i
     return status;
 }
 
-/* ---- in a step */
+/* ---- contact points in a step */
 
 static void add_node(pliant_contact_point *point, int32_t node, double weight)
 {
@@ -198,7 +200,8 @@ static void add_node(pliant_contact_point *point, int32_t node, double weight)
     point->weight[k] += weight;
 }
 
-/* The second side's point is moved along its face to the foot of the first one's: forces along the normal then turn neither. false: it is flat */
+/* Move the second side's point along its face to the foot of the first side's point. Then forces along the normal
+ * apply no torque to either side. Return false if the face has no area. */
 static bool find_foot(const double normal[3], const double apart[3], double along[2][3], const double weights[2][4], double at[4])
 {
     double product[2][2] = {{0}}, right[2] = {0};
@@ -228,7 +231,7 @@ static void point_of(const double *positions, const int32_t *node, const double 
     }
 }
 
-/* a fragment's first edge at rest, squared */
+/* Return the squared length of a fragment's first edge at rest. */
 static double size_of(const pliant_mesh *mesh, int32_t tet)
 {
     const int32_t *node = mesh->tets + 4 * (size_t)tet;
@@ -244,12 +247,13 @@ static bool any_moves(const pliant_body *body, const int32_t *node)
     return moves;
 }
 
-/* A side of a face: of its fragment, and what lies on the other side of the cut. */
+/* One side of a face: 0 or 1. */
 typedef struct side { const pliant_cut_face *face; int of; } side;
 
 static int32_t tet_of(const side *at) { return at->face->tet[at->of]; }
 
-/* From q to p, where that is known, and how far their points are apart along it and beside it. false: one of them is flat */
+/* Geometry of two sides p and q. The normal points from q to p. gap and off are the distances of their points along
+ * the normal and across it. */
 typedef struct meeting { double normal[3], apart[3], along[2][2][3], facing, gap, off; } meeting;
 
 static bool look_at_sides(const pliant_body *body, const side *p, const side *q, const double *positions, meeting *out)
@@ -264,7 +268,7 @@ static bool look_at_sides(const pliant_body *body, const side *p, const side *q,
         for (int d = 0; d < 3; d++) normal[d] = along[0][(d + 1) % 3] * along[1][(d + 2) % 3] - along[0][(d + 2) % 3] * along[1][(d + 1) % 3];
         for (int d = 0; d < 3; d++) square += normal[d] * normal[d];
         if (!(square > 0)) return false;
-        /* along times along points to the face's first side */
+        /* the product of the directions points to the face's first side */
         const double sign = (both[s]->of == s ? 1 : -1) / sqrt(square);
         for (int d = 0; d < 3; d++) sum[d] += sign * normal[d];
     }
@@ -281,7 +285,7 @@ static bool look_at_sides(const pliant_body *body, const side *p, const side *q,
     return true;
 }
 
-/* false: it is flat, or nothing moves it */
+/* Write the contact point of two sides. Return false if the second face has no area. */
 static bool write_point(const pliant_body *body, const side *p, const side *q, meeting *met, const pliant_tissue_rule *rule, pliant_contact_point *out)
 {
     const int32_t *first = body->fine.tets + 4 * (size_t)tet_of(p), *second = body->fine.tets + 4 * (size_t)tet_of(q);
@@ -318,18 +322,19 @@ bool pliant_cut_face_point(const pliant_body *body, const pliant_cut_face *face,
     meeting met;
     *slid = false;
     if (!look_at_sides(body, &p, &q, positions, &met) || !moves(body, &p, &q)) return false;
-    *slid = met.off > size_of(&body->fine, face->tet[0]); /* opposite something else by now; nor is anything as deep as an element is long */
+    /* opposite to another face, or a penetration depth of an element's length */
+    *slid = met.off > size_of(&body->fine, face->tet[0]);
     return met.gap <= rule->margin && !*slid && write_point(body, &p, &q, &met, rule, out);
 }
 
-/* ---- what has slid along the cut */
+/* ---- slid sides */
 
 static void place_of_side(const pliant_body *body, const side *of, const double *positions, double out[3])
 {
     point_of(positions, body->fine.tets + 4 * (size_t)tet_of(of), of->face->at[of->of], out);
 }
 
-/* in order along x, then as they are */
+/* Sorted by x, then by number. */
 typedef struct slot { double x; int32_t side; } slot;
 
 static int compare_slots(const void *a, const void *b)
@@ -338,7 +343,7 @@ static int compare_slots(const void *a, const void *b)
     return one->x != other->x ? (one->x > other->x) - (one->x < other->x) : (one->side > other->side) - (one->side < other->side);
 }
 
-/* Of a side that has slid away from its own: the one that it is opposite now, least far off. -1: none */
+/* Find the side that is now opposite to a slid side, with the smallest distance across the normal. -1: none */
 static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *faces, const slot *slots, int32_t count, const int32_t *piece, int32_t number,
                              const double *positions, const pliant_tissue_rule *rule, meeting *best)
 {
@@ -369,7 +374,8 @@ pliant_status pliant_cut_slid_points(const pliant_body *body, int32_t num_faces,
                                      const double *positions, const pliant_tissue_rule *rule, pliant_contacts *out)
 {
     slot *slots = pliant_calloc((size_t)num_faces, 2 * sizeof *slots);
-    uint8_t *has_point = pliant_calloc((size_t)num_faces, 2); /* as what another side is opposite: that is one point of both */
+    /* sides that already have a point, as the other side of a slid side */
+    uint8_t *has_point = pliant_calloc((size_t)num_faces, 2);
     pliant_status status = slots && has_point ? PLIANT_OK : pliant_fail_memory("contacts of tissue with tissue");
     if (status != PLIANT_OK) {
         pliant_free(slots);

@@ -1,4 +1,4 @@
-/* The rule of [C] 5.2: a tetrahedron that overlaps another has a force on its four corners, against their own movement. */
+/* The rule of [C] 5.2: a force on the four corners of an overlapping tetrahedron opposes their motion. */
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"

@@ -1,4 +1,4 @@
-/* What of a body can touch: its outer surface, and who is beside whom on it. */
+/* The outer surface of a topology, and the adjacency on it. */
 #include "contact/detect/tissue.h"
 
 #include "base/fail.h"
@@ -10,7 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
+/* face opposite each corner, oriented outwards */
+static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
 static void free_surface(pliant_tissue *tissue)
 {
@@ -56,7 +57,7 @@ void pliant_tissue_forget(pliant_tissue *tissue)
 
 static pliant_status no_memory(void) { return pliant_fail_memory("contacts of tissue with tissue"); }
 
-/* ---- who takes part */
+/* ---- tetrahedra that take part */
 
 static pliant_status find_members(pliant_tissue *tissue, const uint8_t *solid)
 {
@@ -81,7 +82,7 @@ static pliant_status find_members(pliant_tissue *tissue, const uint8_t *solid)
     return pliant_mesh_neighbours(&body->fine, tissue->own_across);
 }
 
-/* Beside air, or what has no tissue; a face to a fragment is none of the surface. */
+/* Return whether a face borders air or tetrahedra without tissue. A face to a fragment is not on the surface. */
 static bool is_outer(const pliant_tissue *tissue, int32_t tet, int corner)
 {
     const int32_t across = tissue->across[4 * (size_t)tet + (size_t)corner];
@@ -125,9 +126,9 @@ static pliant_status find_skins(pliant_tissue *tissue)
     return PLIANT_OK;
 }
 
-/* ---- who is beside whom */
+/* ---- adjacency */
 
-typedef struct half_edge { int32_t low, high, skin; } half_edge; /* skin: 3 of it + edge */
+typedef struct half_edge { int32_t low, high, skin; } half_edge; /* skin: 3 times the triangle's number plus the edge */
 
 static int compare_edges(const void *a, const void *b)
 {

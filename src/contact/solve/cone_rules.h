@@ -1,8 +1,9 @@
-/* Forces in cones at some points at once (cones.h): what the CPU and a block of the GPU's threads share.
+/* Contact forces in cones (cones.h): code that the CPU and a CUDA block share.
  *
- * Forces are right where f = P(f - s v), P onto the point's cone and s any number of times its own stiffness. What is left of that falls by steps of
- * Newton's method (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92:353, 1991), as long as one takes it; where none does, by sweeps of projected
- * Gauss-Seidel. All of a problem's threads come to the same decisions. */
+ * Forces solve the problem if f = P(f - s v). P is the projection onto the point's cone, and s is a multiple of the
+ * point's stiffness. Newton's method reduces the residual of this equation (Alart and Curnier, Comput. Methods
+ * Appl. Mech. Engrg. 92:353, 1991). If no Newton step reduces it, sweeps of projected Gauss-Seidel do. All threads
+ * of a problem make the same decisions. */
 #ifndef PLIANT_FEM_QUASISTATIC_CONE_RULES_H
 #define PLIANT_FEM_QUASISTATIC_CONE_RULES_H
 
@@ -17,18 +18,19 @@
 extern "C" {
 #endif
 
-enum { PLIANT_CONE_TOGETHER = 192 /* rows of all that touch, at most */, PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1) };
-#define PLIANT_CONE_HELD (-1.0) /* in place of mu: any force, v = 0 */
+enum { PLIANT_CONE_TOGETHER = 192 /* maximum number of rows of points in contact */, PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1) };
+#define PLIANT_CONE_HELD (-1.0) /* instead of mu: any force, v = 0 */
 
-/* So much of itself is added to a point's own part of A, for what forces change by. Points of one triangle say nearly the same, and what they bear together is no
- * matter of which of them does: without it such problems came to a halt at 4e-6 of the forces. What a state's forces are is not changed by it, so that none of
- * it is left where a step ends (the proximal point method: Rockafellar, SIAM J. Control Optim. 14:877, 1976). */
+/* Regularization: this fraction is added to a point's own block of A for changes of the forces. Points of one
+ * triangle are almost linearly dependent, so their individual forces are not determined. Without the term, such
+ * problems converge only to 4e-6 of the forces. The term acts on changes only, so it does not alter a converged
+ * solution (proximal point method: Rockafellar, SIAM J. Control Optim. 14:877, 1976). */
 #define PLIANT_CONE_GIVES 1e-6
 
-/* Threads that work on one problem, each on its part of every loop. */
-typedef struct pliant_team { int rank, size; double *sums; } pliant_team; /* sums: (a warp each) room, of the GPU */
+/* Threads that solve one problem together; each takes its part of every loop. */
+typedef struct pliant_team { int rank, size; double *sums; } pliant_team; /* sums: (warps) buffer of the GPU */
 
-/* for others' parts of the loops before */
+/* Wait for all threads. */
 PLIANT_INLINE void pliant_team_wait(void)
 {
 #ifdef __CUDACC__
@@ -36,7 +38,7 @@ PLIANT_INLINE void pliant_team_wait(void)
 #endif
 }
 
-/* Sum over the threads; all get the same, and have waited. */
+/* Return the sum over all threads, to each of them. All threads have waited then. */
 PLIANT_INLINE double pliant_team_sum(const pliant_team *team, double own)
 {
 #ifdef __CUDACC__
@@ -54,12 +56,13 @@ PLIANT_INLINE double pliant_team_sum(const pliant_team *team, double own)
 
 enum { PLIANT_CONE_OPEN, PLIANT_CONE_STICKS /* or is held */, PLIANT_CONE_SLIDES };
 
-/* What a point does, for now; where it slides, along z = f_t - soft v_t, of which the cone keeps a part. */
+/* State of a point in a Newton step. A sliding point moves along z = f_t - soft v_t, and the cone keeps a fraction
+ * of z. */
 typedef struct pliant_cone_point {
     int32_t kind, unused;
-    double soft[2];            /* across, and along both tangents: how much force a motion makes, of the point alone [N/m] */
+    double soft[2]; /* along the normal and along both tangents: force per motion of the single point [N/m] */
     double along[2], keeps;
-    double size;               /* of the equations' block as it was set, that its determinant is small beside */
+    double size;               /* magnitude of the block of equations, to detect a singular one */
 } pliant_cone_point;
 
 typedef struct pliant_cones {
@@ -67,15 +70,15 @@ typedef struct pliant_cones {
     const double *matrix;      /* A, (3 count x 3 count) */
     const double *friction;    /* (count) mu, or PLIANT_CONE_HELD */
     double *motion, *force;    /* (3 count) */
-    /* ROOM */
+    /* BUFFERS */
     pliant_cone_point *point;  /* (count) */
     int32_t *list;             /* (count) points that are not open */
-    double *change, *moved;    /* (3 count) of the forces by a step; of motions by that */
+    double *change, *moved;    /* (3 count) changes of the forces in a step, and the motions that they cause */
     double *equations;         /* PLIANT_CONE_EQUATIONS */
 } pliant_cones;
 
-/* s: times a point's own stiffness. With 1, as sweeps have it, a step that lowers what is left is not found in one of six problems of six tools that
- * press and slide, with 10 in one of 20 (src/contact/NUMERICS.md). */
+/* s divided by the point's stiffness. A value of 10 finds a reducing step far more often than 1, which sweeps use
+ * (src/contact/NUMERICS.md). */
 #define PLIANT_CONE_TIMES 10.0
 
 PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cones *on)
@@ -90,14 +93,14 @@ PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cone
     pliant_team_wait();
 }
 
-/* f - times v, of a point, before the cone has it: its normal part, and z along the tangents */
+/* Compute f - times v of a point before the projection. Return the normal part. z: tangential part */
 PLIANT_INLINE double pliant_cone_trial(const pliant_cone_point *point, double times, const double v[3], const double f[3], double z[2])
 {
     for (int k = 0; k < 2; k++) z[k] = f[1 + k] - times * point->soft[1] * v[1 + k];
     return f[0] - times * point->soft[0] * v[0];
 }
 
-/* P of that, less f */
+/* Compute P of that, minus f. */
 PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double friction, double times, const double v[3], const double f[3], double out[3])
 {
     double z[2];
@@ -107,7 +110,7 @@ PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double fric
     for (int k = 0; k < 2; k++) out[1 + k] = part * z[k] - f[1 + k];
 }
 
-/* What is left, squared, where so much of a step is taken. */
+/* Return the squared residual after this fraction of the step. */
 PLIANT_INLINE double pliant_cones_residual(const pliant_team *team, const pliant_cones *on, double length)
 {
     double sum = 0;
@@ -130,7 +133,7 @@ PLIANT_INLINE double pliant_cones_residual(const pliant_team *team, const pliant
     return pliant_team_sum(team, sum);
 }
 
-/* moved = A change */
+/* Compute moved = A change. */
 PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
@@ -138,7 +141,8 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
     for (size_t i = (size_t)team->rank; i < row; i += (size_t)team->size) {
         double sum = 0;
         for (int32_t p = 0; p < on->count; p++) {
-            const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row + i; /* symmetric */
+            /* A is symmetric */
+            const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row + i;
             if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
             sum += a[0] * by[0] + a[row] * by[1] + a[2 * row] * by[2];
         }
@@ -150,7 +154,8 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
     for (int32_t p = 0; p < on->count; p++) {
         const double *by = on->change + 3 * (size_t)p, *a = on->matrix + 3 * (size_t)p * row, *b = a + row, *c = b + row;
         if (by[0] == 0 && by[1] == 0 && by[2] == 0) continue;
-        for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2]; /* in vectors */
+        /* loops over rows vectorize */
+        for (size_t i = 0; i < row; i++) on->moved[i] += a[i] * by[0] + b[i] * by[1] + c[i] * by[2];
     }
 #endif
     pliant_team_wait();
@@ -173,10 +178,11 @@ PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
     point->keeps = friction * normal / length;
 }
 
-/* Who is open, and loses its force (*opens: some have one); the list of all others. Returns how many those are. */
+/* Classify all points. Open points lose their force; *opens: at least one had a force. List all others and return
+ * their number. */
 PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_cones *on, bool *opens)
 {
-    const double many = 65536; /* more points than there are */
+    const double many = 65536; /* more than the number of points */
     double own = 0;
     for (int32_t p = team->rank; p < on->count; p += team->size) {
         pliant_cone_look(on, p);
@@ -197,8 +203,9 @@ PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_co
     return (int32_t)fmod(own, many);
 }
 
-/* The last two rows of a block of A become those of  f_t + df_t = mu (f_n + df_n) along + keeps Q (z + dz),  Q across along.
- *  @param own the point's own columns */
+/* Replace the last two rows of a block of A by those of  f_t + df_t = mu (f_n + df_n) along + keeps Q (z + dz).  Q
+ * projects across `along`.
+ * @param own the block is on the diagonal */
 PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double friction, bool own, double block[9])
 {
     const double *s = of->along, part = of->keeps * PLIANT_CONE_TIMES * of->soft[1];
@@ -213,7 +220,7 @@ PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double fr
     }
 }
 
-/* What a point's rows are to bring; open points' changes move it already. */
+/* Compute the right side of a point's rows, including the motion by the changes of open points. */
 PLIANT_INLINE void pliant_cone_set_right(const pliant_cones *on, int32_t p, double right[3])
 {
     const pliant_cone_point *of = on->point + p;
@@ -225,7 +232,7 @@ PLIANT_INLINE void pliant_cone_set_right(const pliant_cones *on, int32_t p, doub
     for (int k = 0; k < 2; k++) right[1 + k] = on->friction[p] * f[0] * s[k] - f[1 + k] - part * (across[k][0] * moved[1] + across[k][1] * moved[2]);
 }
 
-/* (3 points x (3 points + 1)); damping: so much of itself is added to A's diagonal */
+/* Set up the equations, (3 points x (3 points + 1)). damping: fraction that is added to A's diagonal */
 PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pliant_cones *on, int32_t points, double damping)
 {
     const size_t row = 3 * (size_t)on->count, width = 3 * (size_t)points + 1;
@@ -249,7 +256,8 @@ PLIANT_INLINE void pliant_cones_set_equations(const pliant_team *team, const pli
     pliant_team_wait();
 }
 
-/* of the block whose first number it is, by Cramer's rule; 0 where points before it say all that it does: its force stays */
+/* Invert a 3 x 3 block by Cramer's rule. The result is 0 if the block depends on previous points; then the point's
+ * force stays. */
 PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size, double out[9])
 {
     const double least = 1e-13, *a = m, *b = a + width, *c = b + width;
@@ -266,7 +274,8 @@ PLIANT_INLINE void pliant_cone_invert(const double *m, size_t width, double size
     for (int i = 0; i < 9; i++) out[i] *= by;
 }
 
-/* Gauss and Jordan by blocks of three, which stay as they are: of the last column and those blocks, change is what is left to be found. */
+/* Solve by Gauss-Jordan elimination with blocks of three. The pivot rows stay; the last column divided by the
+ * diagonal blocks gives the changes. */
 PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_cones *on, int32_t points)
 {
     const int32_t rows = 3 * points, width = rows + 1;
@@ -275,7 +284,8 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
         const double *const pivot = all + (size_t)p * (size_t)width;
         pliant_cone_invert(pivot + p, (size_t)width, on->point[on->list[p / 3]].size, inverse);
 #ifdef __CUDACC__
-        const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32; /* a warp a row */
+        /* one warp for each row */
+        const int32_t first = team->rank / 32, step = team->size / 32, lane = team->rank % 32, lanes = 32;
 #else
         const int32_t first = 0, step = 1, lane = 0, lanes = 1;
 #endif
@@ -295,7 +305,8 @@ PLIANT_INLINE void pliant_cones_eliminate(const pliant_team *team, const pliant_
     pliant_team_wait();
 }
 
-/* The equations of all that are not open, linear around where they are, to change and moved. false: there are too many */
+/* Solve the linearized equations of all points that are not open, and compute change and moved. Return false if
+ * there are too many points. */
 PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_cones *on, double damping)
 {
     bool opens;
@@ -317,7 +328,8 @@ PLIANT_INLINE void pliant_cones_take(const pliant_team *team, const pliant_cones
     pliant_team_wait();
 }
 
-/* The first length that halves what is left, or that which leaves least. false: none leaves less to speak of, and nothing is taken. left: in and out */
+/* Line search: take the first step length that reduces the squared residual to half, or else the best one. Return
+ * false, and take no step, if there is no sufficient reduction. left: squared residual, in and out */
 PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_cones *on, double *left)
 {
     const double shortest = 0.01, well = 0.5, any = 0.9;
@@ -336,7 +348,7 @@ PLIANT_INLINE bool pliant_cones_search(const pliant_team *team, const pliant_con
 
 /* ---- sweeps */
 
-/* new - old force of a point in a cone */
+/* Compute the change of a point's force in a sweep. */
 PLIANT_INLINE void pliant_cone_slide(const pliant_cones *on, int32_t p, double change[3])
 {
     const size_t row = 3 * (size_t)on->count;
@@ -350,7 +362,7 @@ PLIANT_INLINE void pliant_cone_slide(const pliant_cones *on, int32_t p, double c
     for (int k = 0; k < 2; k++) change[1 + k] = part * along[k] - f[1 + k];
 }
 
-/* v = 0 */
+/* Compute the change of a held point's force, for v = 0. */
 PLIANT_INLINE void pliant_cone_hold(const pliant_cones *on, int32_t p, double change[3])
 {
     const size_t row = 3 * (size_t)on->count;
@@ -360,7 +372,7 @@ PLIANT_INLINE void pliant_cone_hold(const pliant_cones *on, int32_t p, double ch
     for (int k = 0; k < 3; k++) change[k] = -(inverse[3 * k] * v[0] + inverse[3 * k + 1] * v[1] + inverse[3 * k + 2] * v[2]);
 }
 
-/* Every point in turn; returns the sum of the squares of the changes. */
+/* Sweep over all points in turn. Return the sum of the squared changes. */
 PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
@@ -382,9 +394,9 @@ PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_co
     return sum;
 }
 
-/* ---- all of it */
+/* ---- solver */
 
-/* All forces into their cones, from where that changes next to nothing. */
+/* Project all forces onto their cones. At convergence this changes them only slightly. */
 PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones *on)
 {
     for (int32_t p = team->rank; p < on->count; p += team->size) {
@@ -397,8 +409,11 @@ PLIANT_INLINE void pliant_cones_end(const pliant_team *team, const pliant_cones 
     pliant_cones_take(team, on, 1.0);
 }
 
-/* Newton's step, and where it does not lead on, steps that are damped more and more (Levenberg, Quart. Appl. Math. 2:164, 1944): points of one triangle say
- * nearly the same, and what they do to each other is no small number then. false: there are too many points. left, steps: in and out; leads: out */
+/* Make a Newton step. If it does not reduce the residual, repeat it with more and more damping (Levenberg, Quart.
+ * Appl. Math. 2:164, 1944), because points of one triangle are almost linearly dependent. Return false if there are
+ * too many points.
+ * @param left squared residual, in and out; @param steps number of steps, in and out; @param leads out: the
+ *   residual was reduced */
 PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones *on, double *left, int32_t *steps, bool *leads)
 {
     const double damping[] = {0, 1e-3, 3e-2};
@@ -411,7 +426,7 @@ PLIANT_INLINE bool pliant_cones_step(const pliant_team *team, const pliant_cones
     return true;
 }
 
-/* f'f */
+/* Return f'f. */
 PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_cones *on)
 {
     double own = 0;
@@ -419,11 +434,13 @@ PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_con
     return pliant_team_sum(team, own);
 }
 
-/* Forces and motions from what is known of them. Sweeps come first where they are far from right: who is open, as a whole step of Newton's method sees it from
- * there, is wrong more often. Returns the steps and sweeps that it took; negative: so many sweeps, and there are too many points for more than that. */
+/* Solve from given forces and motions. Far from the solution, sweeps come first, because a full Newton step often
+ * selects wrong open points there. Return the number of steps and sweeps. A negative result means too many points
+ * for Newton's method: minus the number of sweeps, minus 1. */
 PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
 {
-    const double wanted = 1e-9, enough = 1e-7, far = 1e-3; /* of the forces; enough: where no step leads on */
+    /* relative residuals; enough: accepted if no step reduces it further */
+    const double wanted = 1e-9, enough = 1e-7, far = 1e-3;
     const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32, first_sweeps = 3;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
@@ -449,7 +466,7 @@ PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_co
         for (int32_t n = 0; n < at_once; n++, sweeps++) pliant_cones_sweep(team, on);
         left = pliant_cones_residual(team, on, 0.0);
     }
-    pliant_cones_sweep(team, on); /* after it all forces are in their cones */
+    pliant_cones_sweep(team, on); /* its result is in the cones */
     return steps + sweeps + 1;
 }
 

@@ -6,9 +6,10 @@
 
 enum { MOST_SWEEPS = 200, HISTORY = PLIANT_CONE_HISTORY };
 
-/* What sweeps have shown: differences of two in a row. */
+/* History of the sweeps: differences of successive ones. */
 typedef struct shown {
-    double *moved, *force, *motion; /* (HISTORY x rows) of the change by a sweep; of forces and motions after it */
+    /* (HISTORY x rows): of the change by a sweep, and of the forces and motions after it */
+    double *moved, *force, *motion;
     double gram[HISTORY][HISTORY];
     int32_t count, next;
 } shown;
@@ -28,7 +29,8 @@ static void remember(shown *history, size_t row, const double *change, const dou
     history->next = (history->next + 1) % HISTORY;
 }
 
-/* Anderson's method (anderson.h) on the sweeps; motions follow forces linearly, and are mixed as they are. */
+/* Apply Anderson acceleration (anderson.h). Motions are linear in the forces, so they are mixed with the same
+ * weights. */
 static void mix(const shown *history, size_t row, const double *change, double *force, double *motion)
 {
     const double noise = 1e-10;
@@ -47,10 +49,11 @@ static void mix(const shown *history, size_t row, const double *change, double *
         }
 }
 
-/* After a sweep all forces are in their cones. room: (4 + 3 HISTORY) x rows */
+/* Sweep with acceleration. The last operation is a sweep, so all forces are in their cones. room: (4 + 3 HISTORY) x
+ * rows */
 static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, double *room)
 {
-    const double enough = 1e-7; /* change by a sweep over the largest */
+    const double enough = 1e-7; /* change by a sweep divided by the largest one */
     const size_t row = 3 * (size_t)on->count;
     double *begun = room, *before[3] = {room + row, room + 2 * row, room + 3 * row}, largest = 0, last = INFINITY;
     shown history = {.moved = room + 4 * row, .force = room + (4 + HISTORY) * row, .motion = room + (4 + 2 * HISTORY) * row};
