@@ -297,8 +297,8 @@ static void keep_deeper(const search *on)
     }
 }
 
-/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. A point that had contact
- * stays until it is higher than these by `sag`. */
+/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
+ * until it is higher than these by `sag`. */
 static void share_areas(const search *on)
 {
     pliant_finder *finder = on->finder;

@@ -15,9 +15,9 @@ enum {
     PLIANT_TISSUE_NODE = 240,
     PLIANT_TISSUE_EDGE = 241,
     PLIANT_TISSUE_CUT = 242,
-    PLIANT_TISSUE_SLID = 243,   /* sides of a cut that have slid along each other */
-    PLIANT_TISSUE_SLOWED = 244, /* contact/response: paper */
-    PLIANT_PIECE_ON_WALL = 245, /* quasi-static (fem/rigid) */
+    PLIANT_TISSUE_SLID = 243 /* sides of a cut that have slid along each other */,
+    PLIANT_TISSUE_SLOWED = 244 /* contact/response: paper */,
+    PLIANT_PIECE_ON_WALL = 245 /* quasi-static (fem/rigid) */,
     PLIANT_ELEMENT_VOLUME = 246 /* volume bound of an element (contact/advance/volume.h) */
 };
 

@@ -100,7 +100,7 @@ PLIANT_INLINE double pliant_cone_trial(const pliant_cone_point *point, double ti
     return f[0] - times * point->soft[0] * v[0];
 }
 
-/* Compute P of that, minus f. */
+/* Compute the change of f by the projection: P(f - times v) - f. */
 PLIANT_INLINE void pliant_cone_lacks(const pliant_cone_point *point, double friction, double times, const double v[3], const double f[3], double out[3])
 {
     double z[2];
@@ -203,8 +203,8 @@ PLIANT_INLINE int32_t pliant_cones_look(const pliant_team *team, const pliant_co
     return (int32_t)fmod(own, many);
 }
 
-/* Replace the last two rows of a block of A by those of  f_t + df_t = mu (f_n + df_n) along + keeps Q (z + dz).  Q
- * projects across `along`.
+/* Turn the last two rows of a block of A into the equations of sliding,  f_t + df_t = mu (f_n + df_n) along + keeps
+ * Q (z + dz).  Q projects across `along`.
  * @param own the block is on the diagonal */
 PLIANT_INLINE void pliant_cone_slide_rows(const pliant_cone_point *of, double friction, bool own, double block[9])
 {
@@ -372,7 +372,7 @@ PLIANT_INLINE void pliant_cone_hold(const pliant_cones *on, int32_t p, double ch
     for (int k = 0; k < 3; k++) change[k] = -(inverse[3 * k] * v[0] + inverse[3 * k + 1] * v[1] + inverse[3 * k + 2] * v[2]);
 }
 
-/* Sweep over all points in turn. Return the sum of the squared changes. */
+/* Sweep over all points. Return the sum of the squared changes. */
 PLIANT_INLINE double pliant_cones_sweep(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
