@@ -1,8 +1,8 @@
 /* Settings of contact and of the legs of a step. A model holds one set of them (state/model.h). The scene options
- * contact/... are described in pliant/scene.h; contact/guard_depth fills the field of that name.
+ * contact/... are described in pliant/scene.h. The option contact/guard_depth sets the field guard_depth.
  *
- * Not listed here: capacities of arrays, iteration limits and tolerances of exact algorithms. They stand beside those
- * algorithms, and results do not depend on them beyond the tolerance. */
+ * Capacities of arrays, iteration limits and tolerances of exact algorithms are not listed here. They are defined
+ * next to those algorithms, and results do not depend on them beyond the tolerance. */
 #ifndef PLIANT_CONTACT_SETTINGS_H
 #define PLIANT_CONTACT_SETTINGS_H
 

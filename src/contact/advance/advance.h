@@ -1,15 +1,15 @@
-/* The largest fraction of a leg that keeps every rigid part's core out of the tissue's surface.
+/* Compute the largest fraction of a leg that keeps every rigid part's core out of the tissue's surface.
  *
  * A leg is one motion of all nodes and all parts. Nodes and tool tips move along straight lines. Tools turn at a
- * constant rate about their tip, and jaws turn at a constant rate about their joint. The core of a part is everything
- * deeper than `guard` below its surface. A pair of a surface triangle and a part has a core distance: the smallest
- * signed distance from the triangle to the core. If all core distances are above 0 at the start of a leg, they stay
- * above 0 up to the returned fraction. That holds for any motion.
+ * constant rate about their tip, and jaws turn at a constant rate about their joint. The core of a part is
+ * everything deeper than `guard` below its surface. A pair of a surface triangle and a part has a core distance:
+ * the smallest signed distance from the triangle to the core. If all core distances are above 0 at the start of a
+ * leg, they stay above 0 up to the returned fraction, for any motion.
  *
  * Method: conservative advancement (Mirtich, Impulse-based dynamic simulation of rigid body systems, thesis, 1996;
  * Zhang, Lee, Kim, Interactive continuous collision detection for non-convex polyhedra, The Visual Computer 22:749,
- * 2006). Each iteration bounds the distance from below by linear functions and moves on to the time at which the bound
- * reaches the limit. */
+ * 2006). Each iteration bounds the distance from below by linear functions and moves on to the time at which the
+ * bound reaches the limit. */
 #ifndef PLIANT_CONTACT_ADVANCE_H
 #define PLIANT_CONTACT_ADVANCE_H
 
@@ -85,7 +85,7 @@ pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangle
 
 /* Pairs of a node and a triangle, and of two edges, of the surface. Pairs that share a node are left out. */
 typedef struct pliant_advance_self {
-    double thickness; /* takes the place of the guard in the rule [m] */
+    double thickness; /* replaces the guard in the rule [m] */
     const int32_t
         *component; /* Nullable, (nodes): label of the part of the surface that a node belongs to, 0 or more */
     int32_t num_released;

@@ -58,8 +58,8 @@ PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[
     *s = a > 0.0 ? fmin(fmax((b * *t - c) / a, 0.0), 1.0) : 0.0;
 }
 
-/* Weights of the point of a triangle that is closest to p (Ericson 5.1.5); of a triangle without area those of a point
- * near it. */
+/* Compute the weights of the point of a triangle that is closest to p (Ericson 5.1.5). For a triangle without area,
+ * the point is near the closest one. */
 PLIANT_INLINE void pliant_advance_on_triangle(const double corner[3][3], const double p[3], double weight[3])
 {
     double ab[3], ac[3], ap[3], bp[3], cp[3];

@@ -16,7 +16,8 @@ static double distance_on(const pliant_part *core, const double end[2][3], doubl
     return pliant_part_distance(core, point, normal);
 }
 
-/* Of a part that is not convex, samples at a quarter of its field's cells. */
+/* Return whether a segment enters the core. For a part that is not convex, test samples at a quarter of its field's
+ * cell size. */
 static bool enters(const pliant_part *core, const double end[2][3])
 {
     enum { ROUNDS = 60, MOST_SAMPLES = 1000 };

@@ -1,8 +1,9 @@
 /* The smallest distance of a triangle from a convex part, by cutting planes (Kelley, The cutting-plane method for
- * solving convex programs, J. SIAM 8:703, 1960): the signed distance is convex, so it lies above its tangent at each
- * point. The best bound over the triangle by a few tangents is a matrix game of three columns, the corners. Its
- * solution mixes tangents to one plane, and names the point at which the next tangent is taken. Each mixture is a valid
- * bound, however far the search got. Spheres, capsules and half-spaces need one tangent. */
+ * solving convex programs, J. SIAM 8:703, 1960). The signed distance is convex, so it lies above its tangent at
+ * each point. The best bound from a few tangents over the triangle is a matrix game with three columns, the
+ * corners. Its solution is a mixture of tangents, which is a plane, and a point of the triangle. The next tangent
+ * is taken at that point. Each mixture is a valid bound, at every stage of the search. Spheres, capsules and
+ * half-spaces need one tangent. */
 #include "contact/advance/cut.h"
 
 #include "contact/advance/advance_rules.h"
@@ -19,9 +20,9 @@ typedef struct tangent {
     double at[3];                      /* at the corners */
 } tangent;
 
-/* How a game is played: weights of tangents, of which the lowest corner is as high as possible, and of corners, where
- * the highest tangent is as low as possible. Both are found by themselves, since several mixtures of tangents may be
- * equally good, and only one goes with those corners. */
+/* Solution of the game. The weights of the tangents maximize the bound at the lowest corner. The weights of the
+ * corners minimize the highest tangent. Both are found independently, because several mixtures of tangents may be
+ * equally good. */
 typedef struct mixture {
     double tangent[MOST_TANGENTS], corner[3], lowest, highest;
 } mixture;
@@ -58,7 +59,7 @@ static void try_one(const tangent *of, int count, int i, mixture *best)
     try_mixture(of, count, &trial, best);
 }
 
-/* two tangents that are equally high at two corners together */
+/* Mix two tangents that have equal values at two corners. */
 static void try_two(const tangent *of, int count, int i, int j, mixture *best)
 {
     for (int a = 0; a < 3; a++) {
@@ -66,7 +67,7 @@ static void try_two(const tangent *of, int count, int i, int j, mixture *best)
         const double rise = of[i].at[b] - of[i].at[a], fall = of[j].at[a] - of[j].at[b],
                      over = of[i].at[a] - of[j].at[a], under = of[j].at[b] - of[i].at[b];
         mixture trial = {.tangent = {0}};
-        if (!(rise * fall > 0 && over * under > 0)) continue; /* otherwise one of them is the better one */
+        if (!(rise * fall > 0 && over * under > 0)) continue; /* otherwise a single tangent is better */
         trial.tangent[i] = fall / (rise + fall);
         trial.tangent[j] = rise / (rise + fall);
         trial.corner[a] = under / (over + under);
@@ -75,7 +76,7 @@ static void try_two(const tangent *of, int count, int i, int j, mixture *best)
     }
 }
 
-/* weights that are all of one sign become positive, and 1 together */
+/* Normalize weights of equal sign to the sum 1. */
 static bool normalize(double weight[3])
 {
     const double sum = weight[0] + weight[1] + weight[2];
@@ -135,7 +136,7 @@ static tangent tangent_at(const pliant_part *core, const double corner[3][3], co
     return out;
 }
 
-/* Distances behave like those from the closest point of the part, for a while. */
+/* For a few rounds, start from the triangle's point nearest to the part's closest point. */
 static int begin_at(const pliant_part *core, const double corner[3][3], double weight[3])
 {
     enum { ROUNDS = 2 };
@@ -154,8 +155,8 @@ static int begin_at(const pliant_part *core, const double corner[3][3], double w
     return ROUNDS;
 }
 
-/* Where all corners are outside of what the radius is around, the plane holds for the unit normal, too: that body lies
- * behind it. */
+/* Make the cut's normal a unit vector. This is valid if all corners are outside of the body without the radius,
+ * because that body lies behind the plane. */
 static void sharpen(double radius, pliant_cut *out)
 {
     const double length = pliant_advance_length(out->normal);
@@ -207,7 +208,7 @@ int pliant_cut_find(const pliant_part *core, const double corner[3][3], double w
             lowest = one.value;
             memcpy(weight, trial, sizeof trial);
         }
-        if (count == MOST_TANGENTS) /* one of them has no part in the last mixture, which has three at most */
+        if (count == MOST_TANGENTS) /* the last mixture has at most three tangents, so one can be removed */
             for (int k = count = 0; k < MOST_TANGENTS; k++)
                 if (best.tangent[k] > 0 && count < MOST_TANGENTS - 1) of[count++] = of[k];
         of[count++] = one;

@@ -4,16 +4,17 @@
 
 #include "pliant/contact.h"
 
-/* In the part's frame the signed distance at y is at least offset + normal . (y - point), wherever y is. */
+/* A lower bound: in the part's frame the signed distance at any y is at least offset + normal . (y - point). */
 typedef struct pliant_cut {
     double normal[3], point[3], offset; /* length of normal: at most 1 */
     double at[3];                       /* that bound at the triangle's corners [m] */
     double least; /* smallest of them: a lower bound of the triangle's distance; at most 0 if the part overlaps it */
 } pliant_cut;
 
-/* The cut with the largest `least`, which is within a thousandth of the triangle's distance if that is above 0.
- * @param corner in the part's frame @param weight where the search begins; then the point of the triangle that is
- * closest
+/* Find the cut with the largest `least`. If the triangle's distance is above 0, `least` is within a thousandth of
+ * it.
+ * @param corner in the part's frame
+ * @param weight in: start of the search; out: the closest point of the triangle
  * @return number of distances evaluated */
 int pliant_cut_find(const pliant_part *core, const double corner[3][3], double weight[3], pliant_cut *out);
 

@@ -1,7 +1,8 @@
-/* In a box the field lies above a plane, lowered until none of the box's points is below it: points of the grid, and of
- * its lines and planes on the box's sides, since the field is trilinear between them, as the plane is. Where the solid
- * is flat that bound is sharp in all directions, so sliding along it costs nothing. Elsewhere the triangle and the time
- * are split. Outside the grid the distance changes by at most the way (Piyavskii, USSR Comp. Math. Math. Phys. 12:57,
+/* Lower bounds of a distance field in a box. The field lies above a plane that is lowered until no point of the box
+ * is below it. The tested points are the grid's points in the box and the intersections of its lines and planes
+ * with the box's sides. They suffice because field and plane are trilinear between them. Where the solid is flat,
+ * the bound is sharp in all directions, so sliding along it is not slowed. Elsewhere the triangle and the time are
+ * split. Outside the grid the distance is Lipschitz continuous (Piyavskii, USSR Comp. Math. Math. Phys. 12:57,
  * 1972). */
 #include "contact/advance/field.h"
 
@@ -23,18 +24,18 @@ static const double smallest = 1e-4;      /* of a cell: nearer distances are not
 static const double close_time = 0.02;    /* of the time gained: times that differ by less count as one */
 static const double close_start = 1e-5;   /* and so much more, of a leg */
 
-/* A part of the triangle, by its corners' weights, in a part of the time. */
+/* A piece of the triangle, by the weights of its corners, during a part of the time. */
 typedef struct piece {
     double weight[3][3], begin, end;
     int level, halvings;
 } piece;
 
-/* What it covers in the part's frame. */
+/* The region that a piece covers in the part's frame. */
 typedef struct region {
-    double at[2][3][3]; /* corners at its begin and its end; in between they leave their chord by at most the bulge */
+    double at[2][3][3]; /* corners at both ends of the time; in between they leave their chord by at most the bulge */
     double low[3], high[3], bulge;
-    double middle[3], radius; /* of a ball around it */
-    double size, way;         /* extent of the triangle, of its motion [m] */
+    double middle[3], radius; /* bounding sphere */
+    double size, way;         /* extent of the triangle; distance of its motion [m] */
 } region;
 
 static region region_of(const piece *of, const double begin[3][3], const double end[3][3], double bulge)
@@ -76,7 +77,7 @@ static bool is_inside_grid(const pliant_part *core, const double p[3])
     return inside;
 }
 
-/* Lower bound of the distance in the ball: by the way from its middle. */
+/* Lower bound of the distance in the bounding sphere, from the distance at its center. */
 static double by_way(const pliant_part *core, const region *of, double distance)
 {
     return distance - (is_inside_grid(core, of->middle) ? steepest : 1) * of->radius;
@@ -100,7 +101,7 @@ static int list_along(const pliant_part *core, const region *of, int d, double o
     return count;
 }
 
-/* The field at a point of its grid's box; the part's distance there without its gradient. */
+/* Return the field's value at a point of its grid: the part's distance without its gradient. */
 static double value_at(const pliant_part *core, const double p[3])
 {
     const pliant_solid *solid = core->solid;
@@ -123,8 +124,8 @@ static double value_at(const pliant_part *core, const double p[3])
     return plane[0] + share[2] * (plane[1] - plane[0]) - core->radius;
 }
 
-/* normal . (p - middle) + *height is below the distance at each p of the box that lies in the grid. false: the box is
- * too large, or not in it */
+/* Compute a plane below the distance: normal . (p - middle) + *height is at most the distance at each p of the box
+ * that lies in the grid. Return false if the box is too large, or not in the grid. */
 static bool lower_plane(const pliant_part *core, const region *of, const double normal[3], double *height,
                         int64_t *distances)
 {
@@ -152,8 +153,8 @@ static double height_of(const double normal[3], const double p[3], const double 
     return normal[0] * (p[0] - middle[0]) + normal[1] * (p[1] - middle[1]) + normal[2] * (p[2] - middle[2]);
 }
 
-/* The first fraction of a way at which a height falls to 0: it is begin and end at the ends, and lies below its chord
- * by at most 4 bulge s (1 - s). */
+/* Return the first fraction of the motion at which a height may reach 0. begin and end are its values at both ends;
+ * it lies below its chord by at most 4 bulge s (1 - s). */
 static double first_zero(double begin, double end, double bulge)
 {
     const double slope = end - begin - 4 * bulge, lowest = bulge > 0 ? -slope / (8 * bulge) : -1;
@@ -162,7 +163,7 @@ static double first_zero(double begin, double end, double bulge)
     return slope < 0 ? fmin(begin / -slope, 1) : 1;
 }
 
-/* in 4, by the middles of its edges */
+/* Split a triangle into 4 by the middles of its edges. */
 static int split(const piece *of, piece *out)
 {
     double middle[3][3];
@@ -178,7 +179,7 @@ static int split(const piece *of, piece *out)
     return 4;
 }
 
-/* in 2; the first half is the one that is looked at first */
+/* Halve the time. The first half is visited first. */
 static int halve(const piece *of, piece *out)
 {
     out[0] = out[1] = *of;
@@ -219,11 +220,11 @@ double pliant_field_least(const pliant_part *core, const double corner[3][3], do
     return fmin(bound, lowest);
 }
 
-/* ---- in time */
+/* ---- motion */
 
-/* Bound of a corner's acceleration in the part's frame from a time on. By the tool's turn w it is w x (w x z) - 2 w x
- * (x' - tip'), with z from the tip; the jaw's turn adds the same with the velocity and acceleration that this leaves,
- * and its place from the joint. */
+/* Return a bound of a corner's acceleration in the part's frame from a time on. The tool's angular velocity w gives
+ * w x (w x z) - 2 w x (x' - tip'), with z from the tip. The jaw's turn adds the same terms, with z from the joint
+ * and with the remaining velocity and acceleration. */
 static double bend_of(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t)
 {
     const double turn = motion->turn, jaw = fabs(motion->jaw), left = 1 - t;
@@ -257,7 +258,7 @@ static void corners_at(const pliant_advance_motion *motion, const pliant_advance
     }
 }
 
-/* The fraction of a piece's time in which it surely is free. */
+/* Return the fraction of a piece's time that is certainly free. */
 static double look_at(const pliant_part *core, const region *around, double limit, int64_t *distances)
 {
     double normal[3], height, reached = 1;

@@ -140,8 +140,8 @@ void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const p
     for (int d = 0; d < 3; d++) out[d] = motion->tip_rate[d] + by_tool[d] + motion->jaw * by_jaw[d];
 }
 
-/* With angular velocities w of the tool and j of the jaw: w x (w x r), 2 w x (j x q) and j x (j x q), r from the tip
- * and q from the joint. The jaw moves r by at most |j| |q|. */
+/* The acceleration is the sum of w x (w x r), 2 w x (j x q) and j x (j x q). w and j are the angular velocities of
+ * tool and jaw; r is from the tip and q from the joint. The jaw moves r by at most |j| |q|. */
 double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                   const double x[3])
 {

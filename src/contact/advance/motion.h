@@ -35,7 +35,7 @@ void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pli
 /* Velocity of the point of the part that lies at x. */
 void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                     const double x[3], double out[3]);
-/* Bound of that point's acceleration from now on. */
+/* Return a bound of the acceleration of that point of the part from this time on. */
 double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                   const double x[3]);
 /* Angular velocity of the part. */

@@ -94,8 +94,8 @@ static bool is_far(const pliant_advance_motion *motion, const box *a, double mar
     return is_apart(a, motion->low, motion->high, margin);
 }
 
-/* A triangle's ball around its middle at the middle of an interval, against the part there. way: of both during half of
- * the interval [m] */
+/* Test a triangle's bounding sphere at the middle of an interval against the part there.
+ * @param way motion of both during half of the interval [m] */
 static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, int at, double t,
                       double way, double margin)
 {
@@ -112,7 +112,7 @@ static bool is_far_at(const pliant_advance_motion *motion, const pliant_advance_
     return pliant_part_distance(&motion->core, local, normal) - sqrt(square) - way > margin;
 }
 
-/* The whole leg at once, then in intervals. */
+/* Test the whole leg at once, then in intervals. */
 static bool stays_far(const pliant_advance_motion *motion, const int32_t node[3], const double *from, const double *to,
                       double margin)
 {
@@ -153,7 +153,7 @@ static bool is_held(const pliant_advance_part *part, const int32_t node[3])
 
 enum { CHUNK = 1024 };
 
-/* What triangles are compared with: one box around all parts with boxes, its most selective axis first, and
+/* Filter for triangles: one box around all parts that have boxes, with its most selective axis first, and the
  * half-spaces. */
 typedef struct reach {
     const pliant_advance *advance;
@@ -163,7 +163,7 @@ typedef struct reach {
     double margin;
 } reach;
 
-/* Around all parts but half-spaces, grown by the margin. */
+/* Return the box around all parts except half-spaces, enlarged by the margin. */
 static box box_around(const pliant_advance *advance, int32_t first, int32_t end, double margin)
 {
     box out = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -192,7 +192,7 @@ static reach reach_of(const pliant_advance *advance, int32_t count, double margi
     return out;
 }
 
-/* Whether its positions are above or below the box on one axis. */
+/* Return whether all positions of a triangle are above or below the box on one axis. */
 static bool is_beside(const reach *of, const int32_t node[3], const double *from, const double *to, int d)
 {
     const double a = from[3 * (size_t)node[0] + (size_t)d], b = from[3 * (size_t)node[1] + (size_t)d],
@@ -218,7 +218,7 @@ static bool is_near(const reach *of, const int32_t node[3], const double *from, 
     return near;
 }
 
-/* Triangles that are near any part, ascending, and their boxes. */
+/* List the triangles that are near any part, ascending, with their boxes. */
 static int32_t list_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles, const double *from,
                          const double *to, int32_t count, double margin, int num_threads)
 {

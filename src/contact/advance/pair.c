@@ -1,11 +1,12 @@
-/* Conservative advancement of one pair. Three bounds of the distance are tried, and the one that leads farthest counts:
- * - a plane that turns with the part: the part stays behind it, so only the triangle's corners move through it. It
- *   follows a part that turns far from its tip, and tissue that turns with the part;
- * - a plane that keeps its direction: the corners stay before it, the part's own points behind it. It follows a part
- *   that turns about the contact point, or rolls;
- * - the distance divided by the largest relative speed.
- * Points of the part move on arcs. Over a time s an arc leaves its tangent by at most bend s^2 / 2 with bend its
- * largest acceleration. */
+/* Conservative advancement of one pair. Three lower bounds of the distance are computed, and the bound that permits
+ * the longest time is used:
+ * - A plane that turns with the part. The part stays behind it, so only the triangle's corners move through it. It
+ *   suits a part that turns far from its tip, and tissue that turns with the part.
+ * - A plane with constant direction. The corners stay in front of it, and the part's own points behind it. It suits
+ *   a part that turns about the contact point, or rolls.
+ * - The distance divided by the largest relative speed.
+ * Points of the part move on arcs. Over a time s an arc leaves its tangent by at most bend s^2 / 2, where bend is
+ * its largest acceleration. */
 #include "contact/advance/pair.h"
 
 #include "contact/advance/advance_rules.h"
@@ -16,8 +17,8 @@
 #include <string.h>
 
 enum { MOST_ITERATIONS = 64 };
-static const double part_of_step = 0.999; /* rounding never leads beyond the bound */
-static const double near_limit = 0.02;    /* of the limit: a pair that is so near to it, and gains little, ends */
+static const double part_of_step = 0.999; /* margin for rounding */
+static const double near_limit = 0.02; /* relative to the limit: a pair that is so near to it, and gains little, ends */
 static const double steepest = 1.7320508; /* slope of a field between its points */
 static const double little = 1e-3, least_step = 1e-7;
 
@@ -32,7 +33,7 @@ typedef struct moment {
     double at[3][3];    /* corners */
     double normal[3];   /* of the cut */
     double point[3];    /* of the cut, as a point of the part */
-    double velocity[3]; /* of that point */
+    double velocity[3]; /* velocity of the point */
 } moment;
 
 void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
@@ -56,7 +57,7 @@ static int look(moment *now, double t, double weight[3])
     }
     if (pliant_part_grain(&now->motion->core) > 0) {
         int64_t distances = 0;
-        const double far = 10 * now->motion->leg->guard; /* limits of such distances are alike */
+        const double far = 10 * now->motion->leg->guard; /* beyond this distance the limit is nearly constant */
         now->cut =
             (pliant_cut){.least = pliant_field_least(&now->motion->core, (const double(*)[3])local, far, &distances)};
         return (int)distances;
@@ -70,7 +71,7 @@ static int look(moment *now, double t, double weight[3])
 
 /* ---- bounds */
 
-/* The direction of a capsule's plane need not follow its roll about its own axis. */
+/* A capsule is symmetric about its axis, so its plane need not follow the roll. */
 static void find_turn(const moment *now, double out[3], double *speed, double *bend)
 {
     const pliant_advance_motion *motion = now->motion;
@@ -88,7 +89,7 @@ static void find_turn(const moment *now, double out[3], double *speed, double *b
     const double roll = pliant_advance_dot(out, axis);
     pliant_advance_cross(out, axis, side);
     for (int d = 0; d < 3; d++) out[d] -= roll * axis[d];
-    if (jaw > 0) { /* the roll is not constant: its rate, and that of the sum, are at most turn jaw */
+    if (jaw > 0) { /* the roll is not constant: its rate, and the rate of the sum, are at most turn jaw */
         *bend = 2 * turn * jaw + 2 * *speed * *speed;
         return;
     }

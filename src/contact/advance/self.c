@@ -1,6 +1,6 @@
 /* The surface against itself: nodes against triangles, and edges against edges. All four nodes of a pair move along
- * straight lines, so a plane that separates the pair bounds its distance by linear functions, without a term for arcs.
- */
+ * straight lines. Therefore a plane that separates the pair bounds its distance by linear functions, without a term
+ * for arcs. */
 #include "base/fail.h"
 #include "base/threads.h"
 #include "contact/advance/advance_rules.h"
@@ -20,7 +20,7 @@ typedef struct search {
     const double *from, *to;
     const pliant_advance_self *self;
     double margin;
-    bool crosses; /* edges against triangles instead */
+    bool crosses; /* test edges against triangles instead */
     bool failed;  /* out of memory */
 } search;
 
@@ -41,8 +41,8 @@ static void position_at(const search *on, int32_t node, double t, double out[3])
         out[d] = on->from[3 * (size_t)node + d] + t * (on->to[3 * (size_t)node + d] - on->from[3 * (size_t)node + d]);
 }
 
-/* The direction between the middles of both sides: where it separates them by more than the margin at both ends of the
- * leg, it does all the way. */
+/* Return whether the direction between the centers of both sides separates them by more than the margin. If it does
+ * at both ends of the leg, it does throughout. */
 static bool is_separated(const search *on, const int32_t node[4], int first)
 {
     double x[2][4][3], normal[3];
@@ -170,7 +170,7 @@ static void try_crossing(search *on, const int32_t *of, uint8_t owns, const int3
     }
 }
 
-/* Two triangles: what each of them owns against the other. */
+/* Test the nodes and edges that two triangles own against each other. */
 static void try_triangles(search *on, int32_t m, int32_t n, pliant_advance_self_audit *audit)
 {
     const pliant_advance_tree *tree = &on->advance->tree;
@@ -199,7 +199,7 @@ static void try_leaves(search *on, const couple *at, pliant_advance_self_audit *
             try_triangles(on, m, n, audit);
 }
 
-/* Every couple of branches whose boxes are near, from the root down. */
+/* Visit all pairs of branches whose boxes are near, from the root down. */
 static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
 {
     enum { MOST_OPEN = 512 }; /* three for each level of both branches, which are halved */

@@ -9,11 +9,11 @@
 
 enum { LEAF = 2 };
 
-/* ---- who owns what */
+/* ---- owners of nodes and edges */
 
 typedef struct claim {
     int32_t a, b, triangle, k;
-} claim; /* of an edge; of a node: b is -1 */
+} claim; /* of an edge; for a node, b is -1 */
 
 static int compare_claims(const void *left, const void *right)
 {
@@ -23,7 +23,7 @@ static int compare_claims(const void *left, const void *right)
     return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
 }
 
-/* The first triangle that has it. */
+/* The first triangle with a node or edge owns it. */
 static bool find_owners(pliant_advance_tree *tree)
 {
     const size_t count = 6 * (size_t)tree->num_triangles;
@@ -57,7 +57,7 @@ static bool comes_before(const place *a, const place *b, int axis)
     return a->at[axis] != b->at[axis] ? a->at[axis] < b->at[axis] : a->triangle < b->triangle;
 }
 
-/* Hoare's selection: what comes before the middle one stands before it. */
+/* Hoare's selection: triangles below the median come before it in the order. */
 static void select_middle(place *of, int32_t first, int32_t last, int32_t middle, int axis)
 {
     while (first < last) {

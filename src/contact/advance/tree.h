@@ -5,7 +5,7 @@
 
 #include "contact/advance/advance.h"
 
-/* Around what moves through a leg. */
+/* Box around an object throughout a leg. */
 typedef struct pliant_advance_box {
     double low[3], high[3];
 } pliant_advance_box;
@@ -27,12 +27,12 @@ typedef struct pliant_advance_tree {
     pliant_advance_box *around;    /* (num_branches) */
 } pliant_advance_tree;
 
-/* Errors: MEMORY (the tree is empty then) */
+/* Update the boxes, and rebuild the tree if the triangles have changed. Errors: MEMORY (the tree is empty then). */
 pliant_status pliant_advance_tree_update(pliant_advance_tree *tree, int32_t num_triangles, const int32_t *triangles,
                                          const double *from, const double *to);
 void pliant_advance_tree_free(pliant_advance_tree *tree);
 
-/* fmin and fmax are calls */
+/* fmin and fmax would be function calls */
 static inline double pliant_advance_lower(double a, double b) { return a < b ? a : b; }
 static inline double pliant_advance_upper(double a, double b) { return a > b ? a : b; }
 
@@ -44,7 +44,7 @@ static inline void pliant_advance_box_add(pliant_advance_box *box, const double 
     }
 }
 
-/* Around up to three nodes. */
+/* Return the box around up to three nodes throughout a leg. */
 static inline pliant_advance_box pliant_advance_box_of(int count, const int32_t *node, const double *from,
                                                        const double *to)
 {

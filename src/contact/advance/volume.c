@@ -35,7 +35,7 @@ static void find_edges(const int32_t tet[4], const double *positions, double out
     for (int k = 0; k < 3; k++) subtract(positions + 3 * (size_t)tet[k + 1], positions + 3 * (size_t)tet[0], out[k]);
 }
 
-/* Six times the volume. */
+/* Return six times the volume. */
 static double volume_of(const int32_t tet[4], const double *positions)
 {
     double edge[3][3];
@@ -52,7 +52,8 @@ static bool is_of_piece(const int32_t tet[4], const int32_t *piece_of_node)
 
 /* ---- contact points */
 
-/* The contact point of the node with the smallest height over the face across from it. stop: six times the volume to keep */
+/* Make the contact point of the node with the smallest height over the opposite face. stop: six times the volume to
+ * keep */
 static void set_point(int32_t element, const int32_t tet[4], const double *positions, double stop,
                       pliant_contact_point *out)
 {
@@ -129,8 +130,8 @@ pliant_status pliant_volume_find(const pliant_volume_rule *rule, const pliant_me
 
 /* ---- bound */
 
-/* Bernstein coefficients of the volume along a leg, which bound it from below and above. Farin, Curves and Surfaces for
- * CAGD, 5th ed., 2002, ch. 5: they are values of the polar form. */
+/* Compute the Bernstein coefficients of the volume along a leg, which bound it from below and above. They are
+ * values of the polar form (Farin, Curves and Surfaces for CAGD, 5th ed., 2002, ch. 5). */
 static void find_coefficients(const int32_t tet[4], const double *from, const double *to, double out[4])
 {
     double a[3][3], b[3][3];
@@ -144,12 +145,13 @@ static void find_coefficients(const int32_t tet[4], const double *from, const do
 
 enum { LEVELS = 20 };
 
-/* A fraction up to which a cubic stays above `limit`, by bisection from the left; exact to 2^-levels. */
+/* Return a fraction up to which a cubic stays above `limit`, by bisection from the left. The error is at most
+ * 2^-levels. */
 static double find_time(const double b[4], double limit, int levels)
 {
     if (fmin(fmin(b[0], b[1]), fmin(b[2], b[3])) >= limit) return 1;
     if (levels == 0) return 0;
-    /* de Casteljau's algorithm: both halves */
+    /* de Casteljau's algorithm gives both halves */
     const double low = 0.5 * (b[0] + b[1]), middle = 0.5 * (b[1] + b[2]), high = 0.5 * (b[2] + b[3]);
     const double left[4] = {b[0], low, 0.5 * (low + middle), 0.25 * (low + 2 * middle + high)};
     const double right[4] = {left[3], 0.5 * (middle + high), high, b[3]};
@@ -177,7 +179,7 @@ double pliant_volume_advance(const pliant_volume_rule *rule, const pliant_mesh *
     return least;
 }
 
-/* Where the nodes of an element are after their shares of the leg. */
+/* Compute the positions of an element's nodes after their fractions of the leg. */
 static void place(const int32_t tet[4], const double *from, const double *to, const double *share, double out[4][3])
 {
     for (int k = 0; k < 4; k++)
@@ -187,7 +189,7 @@ static void place(const int32_t tet[4], const double *from, const double *to, co
         }
 }
 
-/* Shorten the ways of an element's nodes until it keeps its volume. @return whether it was too small */
+/* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
 static bool hold_back(const pliant_volume_rule *rule, const int32_t tet[4], const double *rest, const double *from,
                       const double *to, double *share)
 {
@@ -196,7 +198,7 @@ static bool hold_back(const pliant_volume_rule *rule, const int32_t tet[4], cons
     for (int k = 0; k < 4; k++) memcpy(begin[k], from + 3 * (size_t)tet[k], sizeof begin[k]);
     place(tet, from, to, share, end);
     find_coefficients(own, &begin[0][0], &end[0][0], coefficient);
-    if (!(coefficient[0] > 0)) return false; /* inverted already */
+    if (!(coefficient[0] > 0)) return false; /* inverted at the start */
     const double time = find_time(coefficient, limit_of(rule, volume_of(tet, rest), coefficient[0]), LEVELS);
     for (int k = 0; k < 4; k++) share[tet[k]] *= time;
     return time < 1;

@@ -1,13 +1,14 @@
-/* Least volume of elements: no leg inverts an element.
+/* Volume bound: no leg inverts an element.
  *
- * An element keeps a fraction of the volume that it has at rest. Two parts work together. Contact points push an
- * element open that is already small: the solver finds their forces with those of all other contacts. The bound
- * shortens a leg that would make an element smaller still, as conservative advancement does for tools (advance.h).
+ * An element keeps a fraction of its rest volume. Two mechanisms work together. First, contact points push an
+ * element open that is already small; the solver finds their forces together with all other contact forces. Second,
+ * the bound shortens a leg that would make an element too small, as conservative advancement does for tools
+ * (advance.h).
  *
- * The volume of a tetrahedron is V = A h / 3, with the area A of a face and the height h of the node across from it.
- * Divided by A / 3 of the start of the leg, "V is at least V0" is to first order the contact h + g'(x - x0) >= h0 without
- * friction. Its gradient g is the pressure force on the four nodes, over A: the normal of the face at the node across
- * from it. */
+ * The volume of a tetrahedron is V = A h / 3. A is the area of a face, and h is the height of the opposite node.
+ * Divide "V is at least V0" by A / 3, with A at the start of the leg. To first order the result is a contact
+ * without friction: h + g'(x - x0) >= h0. The gradient g is the force of a pressure on the four nodes, divided by
+ * A. At the opposite node it is the face's normal. */
 #ifndef PLIANT_CONTACT_VOLUME_H
 #define PLIANT_CONTACT_VOLUME_H
 
@@ -18,33 +19,35 @@ extern "C" {
 #endif
 
 typedef struct pliant_volume_rule {
-    double near;  /* fraction of the rest volume; 0.3: an element below it has a contact point */
+    double near;  /* fraction of the rest volume; 0.3: a smaller element gets a contact point */
     double stop;  /* fraction of the rest volume; 0.1: contact points keep it */
     double keep;  /* fraction of the volume at the start of a leg that the leg leaves; 0.1, as pliant_advance_rule */
-    double floor; /* fraction of the rest volume; 0.05: no leg makes an element smaller than that */
+    double floor; /* fraction of the rest volume; 0.05: lower limit for every leg */
 } pliant_volume_rule;
 pliant_volume_rule pliant_volume_rule_default(void);
 
 /* Append a contact point for each element below `near`, ascending by feature.
- * @param positions (nodes x 3) [m]; @param piece_of_node Nullable: (nodes) rigid piece or -1; elements of
- * pieces have no point
+ * @param positions (nodes x 3) [m]
+ * @param piece_of_node Nullable: (nodes) rigid piece or -1; elements of pieces have no point
  * Errors: MEMORY. */
 pliant_status pliant_volume_find(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *positions,
                                  const int32_t *piece_of_node, pliant_contacts *out);
 
-/* Gradient of the gap of such a point at positions (nodes x 3), by its nodes. */
+/* Compute the gradient of the gap of such a point for each of its nodes. positions: (nodes x 3) [m] */
 void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3]);
 
-/* Shorten the ways of nodes so that at no time in the leg an element becomes smaller than max(min(keep V, stop V_rest), min(floor V_rest, V)),
- * with its volume V at the start of the leg. Nodes go straight, all with the same clock. Elements that are inverted at the start are exempt.
- * @param from, to (nodes x 3) positions at both ends of the leg [m]; @param piece_of_node as above
- * @param share (nodes) out: fraction of its way that each node may go
- * @return elements that would have been too small; 0: all shares are 1 */
+/* Shorten the motion of nodes so that no element becomes too small during the leg. The limit is max(min(keep V,
+ * stop V_rest), min(floor V_rest, V)), where V is the element's volume at the start. All nodes move along straight
+ * lines in the same time. Elements that are inverted at the start are exempt.
+ * @param from, to (nodes x 3) positions at both ends of the leg [m]
+ * @param piece_of_node as above
+ * @param share (nodes) out: fraction of its motion that each node may make
+ * @return number of elements that would have been too small; 0: all fractions are 1 */
 int32_t pliant_volume_hold_back(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
                                 const double *to, const int32_t *piece_of_node, double *share);
 
-/* The largest fraction of a leg in which no element becomes smaller than that, where all nodes go the same fraction of
- * their ways. Parameters as above. */
+/* Return the largest fraction of a leg in which no element becomes smaller than that limit, if all nodes make the
+ * same fraction of their motion. Parameters as above. */
 double pliant_volume_advance(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
                              const double *to, const int32_t *piece_of_node);
 

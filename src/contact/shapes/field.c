@@ -1,4 +1,4 @@
-/* A solid's signed distances on a grid: exact at its points, linear in between. */
+/* Signed distance field of a solid on a grid: exact at its points, linear in between. */
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
@@ -7,13 +7,14 @@
 #include <math.h>
 #include <string.h>
 
-static const double around = 0.0015;  /* [m] that the grid reaches beyond the solid: further than contacts are looked for at rest */
-static const double finest = 1e-4;    /* cell that is taken where none is asked for, at least [m] */
+/* extent of the grid beyond the solid [m], which is more than the search distance of contacts at rest */
+static const double around = 0.0015;
+static const double finest = 1e-4;    /* minimum cell size by default [m] */
 static const double usual_points = 200000, most_points = 16777216; /* 64 MiB */
-static const double thinnest = 0.25;  /* of a cell: a point of the field lies that deep inside */
-static const double no_way = 0.2;     /* length of the gradient below which it points nowhere */
+static const double thinnest = 0.25;  /* required depth of the deepest point, as a fraction of a cell */
+static const double no_way = 0.2;     /* gradients shorter than this have no valid direction */
 
-/* ---- what the field says */
+/* ---- evaluation */
 
 static double field_at(const pliant_solid *solid, const double p[3], double gradient[3])
 {
@@ -45,7 +46,8 @@ static double from_field(const pliant_solid *solid, const double p[3], double no
         square += (p[d] - inside[d]) * (p[d] - inside[d]);
     }
     const double value = field_at(solid, inside, normal);
-    /* what is nearest lies on the grid's side: with the way into it and its distance there, a right or blunt angle */
+    /* the nearest point is on the grid's side: its direction makes an angle of at least 90 degrees with the
+     * direction to the grid */
     for (int d = 0; square > 0 && d < 3; d++) normal[d] = p[d] - inside[d] + value * normal[d];
     for (int d = 0; d < 3; d++) length += normal[d] * normal[d];
     length = sqrt(length);
@@ -54,7 +56,7 @@ static double from_field(const pliant_solid *solid, const double p[3], double no
     return square > 0 ? sqrt(square + value * value) : value;
 }
 
-/* Inside, the nearest plane; outside, the nearest of the triangles that see the point. */
+/* Inside use the nearest plane; outside use the nearest triangle that faces the point. */
 static double from_faces(const pliant_solid *solid, const double p[3], double normal[3])
 {
     double highest = -INFINITY, least = INFINITY, foot[3];
@@ -85,7 +87,7 @@ double pliant_solid_distance(const pliant_solid *solid, const double p[3], doubl
     return solid->convex ? from_faces(solid, p, normal) : from_field(solid, p, normal);
 }
 
-/* ---- making it */
+/* ---- construction */
 
 static size_t index_of(const pliant_solid *solid, int32_t i, int32_t j, int32_t k) { return (size_t)i + (size_t)solid->size[0] * ((size_t)j + (size_t)solid->size[1] * (size_t)k); }
 
@@ -115,7 +117,8 @@ static pliant_status place_grid(pliant_solid *solid, double resolution, const ch
     return PLIANT_OK;
 }
 
-/* A point is no further away than its neighbour, and the way between. */
+/* The distance of a point is at most its neighbor's distance plus the distance between them. This bounds the
+ * search. */
 static void find_distances(pliant_solid *solid, const pliant_triangle_tree *tree)
 {
     for (int32_t k = 0; k < solid->size[2]; k++)
@@ -129,7 +132,8 @@ static void find_distances(pliant_solid *solid, const pliant_triangle_tree *tree
             }
 }
 
-/* Points on one side of the surface, by what cannot cross it: two neighbours that are both further from it than it takes. One winding number each. */
+/* Determine the signs. Two neighbors are on the same side of the surface if both are farther from it than a segment
+ * that crosses it allows. Each connected group needs one winding number. */
 static pliant_status find_signs(pliant_solid *solid, const pliant_triangle_tree *tree)
 {
     const size_t count = (size_t)solid->size[0] * (size_t)solid->size[1] * (size_t)solid->size[2];
@@ -163,7 +167,7 @@ static pliant_status find_signs(pliant_solid *solid, const pliant_triangle_tree 
     return good ? PLIANT_OK : pliant_fail_memory("a solid");
 }
 
-/* how deep it goes, and how far its zero is from the surface */
+/* Determine the largest depth, and the field's error on the surface. */
 static void look_at_field(pliant_solid *solid)
 {
     const size_t count = (size_t)solid->size[0] * (size_t)solid->size[1] * (size_t)solid->size[2];

@@ -1,6 +1,8 @@
-/* The convex hull of points: the one that is furthest beyond a triangle is next (Barber, Dobkin and Huhdanpaa, The Quickhull Algorithm for Convex Hulls, ACM Trans.
- * Math. Softw. 22:469, 1996), so that every point that is added is a corner of the hull, and what has too many triangles on the way has too many at the end.
- * What sees a point goes, and what lies in one plane with it beside that; their border is joined to it. */
+/* Convex hull of points by Quickhull (Barber, Dobkin and Huhdanpaa, The Quickhull Algorithm for Convex Hulls, ACM
+ * Trans. Math. Softw. 22:469, 1996). The next point is the farthest one beyond a triangle, so every added point is
+ * a corner of the hull. Therefore the number of triangles never decreases, and the limit can be tested at any time.
+ * Triangles that face the point are removed, and adjacent triangles in one plane with it too. The point is then
+ * joined to the border of the hole. */
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
@@ -9,20 +11,21 @@
 #include <math.h>
 #include <string.h>
 
-static const double in_plane = 1e-7; /* of the size: points that are no higher over a triangle lie in it */
+/* relative to the size: points that are no higher above a triangle lie in its plane */
+static const double in_plane = 1e-7;
 enum { ROOM = 2 * PLIANT_HULL_TRIANGLES };
 
 typedef struct facet {
     int32_t node[3];
     double normal[3], along;
-    int32_t first, furthest;  /* of the points beyond it, a list; -1: there are none */
-    double height;            /* of the furthest */
+    int32_t first, furthest;  /* list of points beyond the triangle, and its farthest point; -1: no point */
+    double height;            /* of the farthest point */
     bool seen;
 } facet;
 
 typedef struct hull {
     const double *points;
-    int32_t *next;            /* (points) in the lists */
+    int32_t *next;            /* (points) next point in a list */
     int32_t count, horizon;
     double least;
     facet face[ROOM];
@@ -51,7 +54,7 @@ static bool add_face(hull *of, int32_t a, int32_t b, int32_t c)
     return true;
 }
 
-/* squared distance of a point from what 1, 2 or 3 points span */
+/* Return the squared distance of a point from the span of 1, 2 or 3 points. */
 static double beyond(const hull *of, const int32_t *base, int count, int32_t point)
 {
     double to[3], along[2][3];
@@ -59,7 +62,7 @@ static double beyond(const hull *of, const int32_t *base, int count, int32_t poi
         to[d] = place(of, point)[d] - place(of, base[0])[d];
         for (int k = 0; k < count - 1; k++) along[k][d] = place(of, base[k + 1])[d] - place(of, base[0])[d];
     }
-    for (int k = 0; k < count - 1; k++) { /* Gram and Schmidt */
+    for (int k = 0; k < count - 1; k++) { /* Gram-Schmidt orthogonalization */
         if (k == 1) {
             const double share = dot(along[1], along[0]) / dot(along[0], along[0]);
             for (int d = 0; d < 3; d++) along[1][d] -= share * along[0][d];
@@ -70,7 +73,7 @@ static double beyond(const hull *of, const int32_t *base, int count, int32_t poi
     return dot(to, to);
 }
 
-/* Four points that are far from being in a plane. false: there are none */
+/* Choose four points that are far from coplanar. Return false if there are no such points. */
 static bool begin(hull *of, int32_t num_points)
 {
     int32_t base[4] = {0, 0, 0, 0};
@@ -97,7 +100,7 @@ static bool begin(hull *of, int32_t num_points)
     return true;
 }
 
-/* Edges of what goes, without those that two of them share. */
+/* Add an edge to the border of the hole. An edge that two removed triangles share is not on the border. */
 static void leave_edge(hull *of, int32_t a, int32_t b)
 {
     for (int32_t e = 0; e < of->horizon; e++)
@@ -117,7 +120,7 @@ static void leave_face(hull *of, facet *face)
     for (int k = 0; k < 3; k++) leave_edge(of, face->node[k], face->node[(k + 1) % 3]);
 }
 
-/* whether it has an edge of what goes */
+/* Return whether a triangle has an edge of the border. */
 static bool borders(const hull *of, const facet *face)
 {
     for (int32_t e = 0; e < of->horizon; e++)
@@ -126,7 +129,8 @@ static bool borders(const hull *of, const facet *face)
     return false;
 }
 
-/* All that is above; and what borders on that in one plane with the point: an edge of it and the point would lie on a line. */
+/* Remove all triangles that face the point. Also remove adjacent triangles in one plane with it: otherwise the new
+ * triangle at the common edge could have area 0. */
 static void see(hull *of, int32_t point)
 {
     of->horizon = 0;
@@ -144,7 +148,7 @@ static void see(hull *of, int32_t point)
     }
 }
 
-/* The point to the first of some faces that it is beyond; what is beyond none is inside. */
+/* Assign a point to the first triangle that it is beyond. A point beyond none is inside. */
 static void give(hull *of, int32_t from, int32_t point)
 {
     for (int32_t f = from; f < of->count; f++) {
@@ -184,7 +188,7 @@ static bool add_point(hull *of, int32_t point)
     return of->count <= PLIANT_HULL_TRIANGLES;
 }
 
-/* false: there are too many triangles */
+/* Return false if there are too many triangles. */
 static bool add_points(hull *of, int32_t num_points)
 {
     for (int32_t p = 0; p < num_points; p++) give(of, 0, p);

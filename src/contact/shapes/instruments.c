@@ -1,24 +1,27 @@
-/* Shapes of instruments by their names or codes: capsules, in the tool's frame. Names and codes are all those of the dVRK's list of tools,
- * share/tool/index.json of github.com/jhu-dvrk/sawIntuitiveResearchKit.
+/* Shapes of instruments by their names or codes: capsules in the tool's frame. Names and codes come from the dVRK's
+ * list of tools, share/tool/index.json of github.com/jhu-dvrk/sawIntuitiveResearchKit.
  *
- * Published, in share/tool/NAME.json there ("DH": A and D of each joint):
- * - lengths of wrists, from the axis of pitch to that of yaw, about which the jaws turn. DeBakey, Resano and tenaculum forceps have no file
- *   and get the wrist of the others of their kind;
- * - lengths of shafts, of generation Classic where there is one: shafts of generation S are 50.8 mm longer;
- * - of the two with 5 mm shafts, whose wrists are chains of vertebrae: 3 x 3.4 mm of chain, and from its last joint to the tip 17.1 mm
- *   (needle driver) or 26.9 mm (Maryland dissector; both "tooltip-offset").
- * The large needle driver's tip is 9.5 mm from its axis of yaw (github.com/BerkeleyAutomation/FLSpegtransferHO, motion/dvrkVariables.py).
- * The shaft of 8 mm instruments is 8.4 mm thick.
+ * Published values, from share/tool/NAME.json there ("DH": A and D of each joint):
+ * - Length of the wrist, from the pitch axis to the yaw axis. The jaws turn about the yaw axis. DeBakey, Resano and
+ *   tenaculum forceps have no file; they get the wrist of similar instruments.
+ * - Length of the shaft, of generation Classic if there is one. Shafts of generation S are 50.8 mm longer.
+ * - The two instruments with 5 mm shafts have wrists of vertebrae. The chain is 3 x 3.4 mm long. From its last
+ *   joint to the tip it is 17.1 mm (needle driver) or 26.9 mm (Maryland dissector; both "tooltip-offset").
+ * The large needle driver's tip is 9.5 mm from its yaw axis (github.com/BerkeleyAutomation/FLSpegtransferHO,
+ * motion/dvrkVariables.py). The shaft of 8 mm instruments is 8.4 mm thick.
  *
- * Estimates, from pictures and nominal sizes in catalogues, good to a few millimetres in length and half a millimetre in radius:
- * - lengths of all other jaws. With 5 mm shafts the jaws' axis is taken to lie 7.1 mm beyond the chain's last joint, and the rest is jaw;
- * - thicknesses of all jaws and wrists, and of 5 mm shafts (5.2 mm);
- * - that bowel and thoracic graspers and the small clip applier have 8 mm shafts: their wrists and lengths are those of such instruments;
- * - all of the stapler but its shaft's length: 12 mm thick; jaws of 60 mm for staple lines of 45 mm, which turn 15 mm in front of its
- *   wrist, whose two axes meet. Only one of its jaws moves; here both do, by half the angle each;
- * - hook, spatula, probe and camera.
+ * Estimates, from pictures and nominal sizes in catalogues. Their error is a few millimeters in length and half a
+ * millimeter in radius:
+ * - Length of all other jaws. With 5 mm shafts the jaws' axis is assumed 7.1 mm beyond the chain's last joint.
+ * - Thickness of all jaws and wrists, and of 5 mm shafts (5.2 mm).
+ * - Bowel graspers, thoracic graspers and the small clip applier are assumed to have 8 mm shafts and the wrists and
+ *   lengths of such instruments.
+ * - The stapler, except for its shaft's length: it is 12 mm thick, with jaws of 60 mm for staple lines of 45 mm.
+ *   They turn 15 mm in front of its wrist, whose two axes meet. In reality one jaw moves; here each moves by half
+ *   the angle.
+ * - Hook, spatula, probe and camera.
  *
- * A tool's pose says where its jaws are: wrist and shaft are drawn straight behind them. */
+ * A tool's pose is the pose of its jaws: wrist and shaft are straight behind them. */
 #include "pliant/contact.h"
 
 #include "base/fail.h"
@@ -35,11 +38,11 @@ static const instrument_shaft shaft_5mm = {0.0026, 0.4024, 0.0025}, stapler_shaf
 
 typedef struct instrument {
     const char *names[2];           /* the second: Nullable */
-    int code;                       /* of its model: what code_of says */
-    const instrument_shaft *shaft;  /* with its wrist's thickness */
+    int code;                       /* number of its model, as code_of returns it */
+    const instrument_shaft *shaft;  /* with the wrist's thickness */
     double wrist, jaw;              /* lengths [m] */
-    double jaw_radius, jaw_spacing; /* of a jaw, and from the closed jaws' middle to its axis [m] */
-    bool cuts;                      /* its jaws do */
+    double jaw_radius, jaw_spacing; /* radius of a jaw; distance from the closed jaws' middle to its axis [m] */
+    bool cuts;                      /* its jaws cut */
 } instrument;
 
 static const instrument with_jaws[] = {
@@ -80,7 +83,7 @@ static void add_capsule(pliant_tool_shape *shape, pliant_part_frame frame, doubl
         (pliant_part){.kind = PLIANT_PART_CAPSULE, .frame = frame, .from = {0, y, from}, .to = {0, y, to}, .radius = radius, .cuts = cuts};
 }
 
-/* behind z = joint, where the wrist ends */
+/* The shaft is behind z = joint, where the wrist ends. */
 static void add_shaft(pliant_tool_shape *shape, double joint, double wrist, const instrument_shaft *shaft)
 {
     shape->joint[2] = joint;
@@ -91,13 +94,13 @@ static void add_shaft(pliant_tool_shape *shape, double joint, double wrist, cons
 
 static void make_jaws(const instrument *of, pliant_tool_shape *shape)
 {
-    /* about x, a positive angle takes z to -y */
+    /* a positive angle about x turns z towards -y */
     add_capsule(shape, PLIANT_FRAME_JAW_PLUS, -of->jaw_spacing, -of->jaw, -of->jaw_radius, of->jaw_radius, of->cuts);
     add_capsule(shape, PLIANT_FRAME_JAW_MINUS, of->jaw_spacing, -of->jaw, -of->jaw_radius, of->jaw_radius, of->cuts);
     add_shaft(shape, -of->jaw, of->wrist, of->shaft);
 }
 
-/* the foot as the blade of this name has it: across the instrument */
+/* The foot lies across the instrument, as in the blade of the same name. */
 static void make_hook(pliant_tool_shape *shape)
 {
     add_capsule(shape, PLIANT_FRAME_TIP, hook_foot, -hook_stem, 0, hook_radius, false);
@@ -106,7 +109,7 @@ static void make_hook(pliant_tool_shape *shape)
     add_shaft(shape, -hook_stem, hook_wrist, &shaft_8mm);
 }
 
-/* a flat blade, seen as a rod of its half width */
+/* A flat blade, approximated by a rod with its half width as radius. */
 static void make_spatula(pliant_tool_shape *shape)
 {
     shape->part[shape->num_parts++] = (pliant_part){
@@ -120,7 +123,8 @@ static void make_rod(double radius, double length, pliant_tool_shape *shape)
     add_capsule(shape, PLIANT_FRAME_TIP, 0, -length, -radius, radius, false);
 }
 
-/* in any case, without the number of its model: LARGE_NEEDLE_DRIVER_400006, LARGE_NEEDLE_DRIVER:400006 */
+/* Compare names without regard to case. A model number may follow: LARGE_NEEDLE_DRIVER_400006,
+ * LARGE_NEEDLE_DRIVER:400006. */
 static bool is_named(const char *text, const char *name)
 {
     const size_t length = name ? strlen(name) : 0;
@@ -130,8 +134,8 @@ static bool is_named(const char *text, const char *name)
     return name && (!*rest || ((*rest == '_' || *rest == ':') && isdigit((unsigned char)rest[1])));
 }
 
-/* the number of a model alone, less 400000, or less 420000 (models of generation S): 400006 and 420006 are 6, 410298 is 10298; of another
- * kind of text -1 */
+/* Return a model number minus 400000, or minus 420000 for models of generation S: 400006 and 420006 give 6, and
+ * 410298 gives 10298. Return -1 for other text. */
 static int code_of(const char *text)
 {
     if (strlen(text) != 6 || strspn(text, "0123456789") != 6) return -1;

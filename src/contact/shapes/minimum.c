@@ -1,28 +1,31 @@
-/* Where an edge or a triangle of the tissue is nearest to a rigid part, or deepest in it: local optimization on the signed distance, as
- * M. Macklin, K. Erleben, M. Mueller, N. Chentanez, S. Jeschke, Z. Corse: Local Optimization for Robust Signed Distance Field Collision,
- * Proc. ACM Comput. Graph. Interact. Tech. 3(1), 2020. The distance is convex where the part is; a line's minimum is then where its slope
- * changes sign, which takes fewer evaluations than golden section. Of a solid that is not convex an edge or a triangle is halved first, as long as
- * a part of it may lie lower than what was found: a distance changes by at most what one goes (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). Of a
- * ball it is the point that is nearest to its middle. */
+/* Nearest or deepest point of an edge or triangle of the tissue relative to a rigid part. The method is local
+ * optimization on the signed distance (M. Macklin, K. Erleben, M. Mueller, N. Chentanez, S. Jeschke, Z. Corse:
+ * Local Optimization for Robust Signed Distance Field Collision, Proc. ACM Comput. Graph. Interact. Tech. 3(1),
+ * 2020).
+ * The distance to a convex part is a convex function. Its minimum on a line is where the slope changes sign;
+ * finding that needs fewer evaluations than golden section search. For a solid that is not convex, edges and
+ * triangles are first subdivided while a piece may contain a smaller distance. The bound for that is the Lipschitz
+ * constant of the distance (Piyavskii, USSR Comp. Math. Math. Phys. 12:57, 1972). For a ball the minimum is the
+ * point nearest to its center. */
 #include "contact/shapes/shapes.h"
 #include "contact/shapes/solid.h"
 
 #include <math.h>
 #include <string.h>
 
-static const double exact = 1e-4; /* of an edge's length, and of a weight */
+static const double exact = 1e-4; /* relative to an edge's length; also of a weight */
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static double apart(const double *a, const double *b) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
-/* Of a convex function of a share of some way: what it is at a share, and how the part lies there. */
+/* Sample of a convex function on a line: position from 0 to 1, value, slope, and the part's normal there. */
 typedef struct sample { double share, value, slope, normal[3]; } sample;
 
-/* Its least value lies between two samples, where the slope is below 0 and above. */
+/* Bracket of the minimum: the slope is negative at low and positive at high. */
 typedef struct turn {
     sample low, high;
-    double weight[2]; /* slopes, as Illinois' rule has them */
-    double tight;     /* so near to the least is near enough [m] */
+    double weight[2]; /* slopes, as modified by the Illinois rule */
+    double tight;     /* tolerance of the minimum [m] */
     int side, step;
 } turn;
 
@@ -31,8 +34,9 @@ static turn turn_between(const sample *low, const sample *high, double tight)
     return (turn){.low = *low, .high = *high, .weight = {low->slope, high->slope}, .tight = tight};
 }
 
-/* Where to look next: where the two tangents meet, which ends on a part's edge at once, and by turns false position with Illinois' rule (Dowell and
- * Jarratt, BIT 11:168, 1971), which does where the part is smooth. false: no value is lower by more than what is near enough, since tangents lie below. */
+/* Choose the next position. Alternate between the intersection of the two tangents, which finds an edge of the part
+ * at once, and false position with the Illinois rule (Dowell and Jarratt, BIT 11:168, 1971), which suits smooth
+ * parts. Return false if the tangents prove that no value is smaller by more than the tolerance. */
 static bool turn_goes_on(turn *of, double *share)
 {
     enum { MOST_STEPS = 40 };
@@ -53,7 +57,8 @@ static void turn_take(turn *of, const sample *one)
     of->side = side ? 1 : -1;
 }
 
-/* The lower end. normal: of those on both sides together what has no slope along the way, shorter than 1 where the part has an edge there */
+/* Return the lower end of the bracket. Its normal is the combination of both ends' normals that has no slope along
+ * the line. It is shorter than 1 where the part has an edge. */
 static sample turn_end(const turn *of)
 {
     sample out = of->low.value <= of->high.value ? of->low : of->high;
@@ -62,11 +67,12 @@ static sample turn_end(const turn *of)
     return out;
 }
 
-/* Where all of a way is as deep, its middle counts: so little deeper that nothing else is changed, and that where a part lies flat hangs on no rounding. */
+/* A line for the search. A small quadratic term makes the minimum unique: where the distance is constant along the
+ * line, its middle is the minimum. Otherwise rounding would select the position on flat parts. */
 typedef struct line {
     const pliant_part *part;
     double from[3], along[3];
-    double bend, middle; /* value: the distance, and bend times the square of how far the share is from the middle [m] */
+    double bend, middle; /* value: the distance plus bend times the squared distance from the middle position [m] */
 } line;
 
 static sample look_on(const line *on, double share)
@@ -89,7 +95,7 @@ static sample find_turn(const line *on, const sample *low, const sample *high, d
     return turn_end(&between);
 }
 
-/* a unit vector; 0 where it points nowhere */
+/* Normalize a vector; a short one has no valid direction and becomes 0. */
 static void finish(double normal[3])
 {
     const double least = 0.1, length = sqrt(dot(normal, normal));
@@ -98,17 +104,20 @@ static void finish(double normal[3])
 
 static double bend_of(double length)
 {
-    const double bend = 1e-4; /* of a length */
+    const double bend = 1e-4; /* relative to the length */
     return bend * length;
 }
 
 static double tight_of(double length)
 {
-    const double tight = 1e-10; /* of a length; where the part is smooth, a place is as near as the root of that */
+    /* relative to the length; where the part is smooth, the error of the position is the square root of that */
+    const double tight = 1e-10;
     return tight * length;
 }
 
-/* The least value on an edge: of its ends, if not between them. bend: of its value [m]; enough: a bound above that is all that is asked for */
+/* Find the minimum on an edge, including its ends.
+ * @param bend quadratic term [m]
+ * @param enough return only a lower bound if it is above this value [m] */
 static sample descend(const pliant_part *part, const double at[2][3], double bend, double enough)
 {
     line on = {.part = part, .bend = bend, .middle = 0.5};
@@ -118,7 +127,8 @@ static sample descend(const pliant_part *part, const double at[2][3], double ben
         on.along[d] = at[1][d] - at[0][d];
     }
     const sample low = look_on(&on, 0), high = look_on(&on, 1);
-    sample bound = {.share = -1, .value = 0.5 * (low.value + high.value - length) - bend}; /* a distance changes by at most what one goes */
+    /* the distance is Lipschitz continuous with constant 1 */
+    sample bound = {.share = -1, .value = 0.5 * (low.value + high.value - length) - bend};
     if (bound.value > enough) return bound;
     if (low.slope < 0 && high.slope > 0) {
         const sample least = find_turn(&on, &low, &high, tight_of(length));
@@ -144,14 +154,17 @@ static void mix(const double at[3][3], const double weight[3], double out[3])
     for (int d = 0; d < 3; d++) out[d] = weight[0] * at[0][d] + weight[1] * at[1][d] + weight[2] * at[2][d];
 }
 
-/* A triangle as lines beside its first edge, each at a share of the way to the third corner. */
+/* A triangle as a set of lines parallel to its first edge. Each has a position from 0 at that edge to 1 at the
+ * third corner. */
 typedef struct lines {
     const pliant_part *part;
     const double (*at)[3];
-    double bend; /* of the first edge */
+    double bend; /* quadratic term for the first edge */
 } lines;
 
-/* Least value on one of them; its slope over the lines by the theorem of the envelope: that of the point where it is. share_along: where on the line */
+/* Find the minimum on one of the lines. Its slope across the lines follows from the envelope theorem: it is the
+ * slope at the minimum.
+ * @param share_along out: position on the line */
 static sample across(const lines *on, double share, double *share_along)
 {
     const double third = 1.0 / 3;
@@ -172,7 +185,8 @@ static sample across(const lines *on, double share, double *share_along)
     return out;
 }
 
-/* The least value over those lines is convex over them, too. A distance that has edges inside a part is met with by no descent along its slopes. */
+/* Find the minimum on a triangle. The minimum on a line is a convex function of the line's position. This also
+ * works for distances with edges inside the part, where descent along the gradient stops too early. */
 static double search_lines(const pliant_part *part, const double at[3][3], double weight[3], double normal[3])
 {
     const double length = apart(at[0], at[1]);
@@ -199,8 +213,9 @@ static double search_lines(const pliant_part *part, const double at[3][3], doubl
     return pliant_part_distance(part, place, own);
 }
 
-/* Inside a triangle the way out is its own normal, as across an edge's inside: of a convex function there is a subgradient at the minimum that
- * is normal to what it is the minimum of (Rockafellar, Convex Analysis, 1970, theorem 27.4); one of a part's faces beside a corner is not. */
+/* Inside a triangle the direction out is the triangle's normal. At the minimum of a convex function over a set,
+ * some subgradient is normal to the set (Rockafellar, Convex Analysis, 1970, theorem 27.4). The normal of a single
+ * face at a part's corner is not such a subgradient. */
 static void turn_to_triangle(const double at[3][3], const double weight[3], double normal[3])
 {
     double a[3], b[3], own[3];
@@ -218,11 +233,12 @@ static void turn_to_triangle(const double at[3][3], const double weight[3], doub
     finish(normal);
 }
 
-/* Whether its distance, inside, has edges: where they are, slopes lead nowhere. */
+/* Return whether the distance inside the part has edges, where the gradient gives no direction of descent. */
 static bool has_edges(const pliant_part *part) { return part->kind == PLIANT_PART_BOX || (part->kind == PLIANT_PART_SOLID && pliant_part_grain(part) == 0); }
 
-/* Frank and Wolfe's method, in pairs: weight goes from the corner that is uphill most to the one that is downhill most (Lacoste-Julien and Jaggi,
- * On the Global Linear Convergence of Frank-Wolfe Optimization Variants, 2015). */
+/* Find the minimum on a triangle by the pairwise Frank-Wolfe method. Weight moves from the corner with the highest
+ * slope to the corner with the lowest one (Lacoste-Julien and Jaggi, On the Global Linear Convergence of
+ * Frank-Wolfe Optimization Variants, 2015). */
 static double descend_face(const pliant_part *part, const double at[3][3], double enough, double weight[3], double normal[3])
 {
     enum { MOST_STEPS = 12 };
@@ -242,7 +258,7 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
             if (slope[k] < slope[best]) best = k;
             if (share[k] > 0 && (worst < 0 || slope[k] > slope[worst])) worst = k;
         }
-        settled = mean - slope[best] <= exact * size; /* nowhere it is less by more than that, where the distance is convex */
+        settled = mean - slope[best] <= exact * size; /* for a convex distance, no value is smaller by more than this */
         if (settled || worst == best) break;
         mix(at, share, on.from);
         for (int d = 0; d < 3; d++) on.along[d] = share[worst] * (at[best][d] - at[worst][d]);
@@ -263,14 +279,15 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
 
 /* ---- parts that are not convex */
 
-enum { DEEPEST = 8 /* halvings */, MOST_PIECES = 4 * DEEPEST };
-static const double half = 0.5; /* of the way to the nearest is bound enough */
-static const double steepest = 1.7320508; /* of a field between its points: the slope along each axis is at most 1 there */
+enum { DEEPEST = 8 /* maximum number of subdivisions */, MOST_PIECES = 4 * DEEPEST };
+static const double half = 0.5; /* stop when the lower bound is this fraction of the distance */
+/* Lipschitz constant of a field between its points: the slope along each axis is at most 1 */
+static const double steepest = 1.7320508;
 
-/* A part of an edge or a triangle, by its corners' weights. */
+/* A piece of an edge or triangle, by the weights of its corners. */
 typedef struct piece {
     double corner[3][3], middle[3], radius;
-    double distance, least; /* in its middle, and the lowest that it can be anywhere */
+    double distance, least; /* distance at its center, and lower bound in the piece */
     int level;
 } piece;
 
@@ -298,7 +315,7 @@ static void look_at(const pliant_part *part, const double (*at)[3], int corners,
     of->least = of->distance - steepest * of->radius;
 }
 
-/* an edge into 2, a triangle into 4 */
+/* Split an edge into 2 pieces, or a triangle into 4. */
 static int split(const piece *of, int corners, piece *out)
 {
     double middle[3][3];
@@ -314,8 +331,8 @@ static int split(const piece *of, int corners, piece *out)
     return corners == 2 ? 2 : 4;
 }
 
-/* That which is lowest in its middle, of the whole and of parts down to the field's cells. Where all of it is above `enough`: in its `least` a bound of
- * half the way at least. */
+/* Find the piece with the smallest distance at its center. Subdivide down to the field's cells. If the distance is
+ * above `enough` everywhere, best.least is a lower bound of at least half the distance. */
 static piece find_lowest(const pliant_part *part, const double (*at)[3], int corners, double enough)
 {
     piece stack[MOST_PIECES], child[4], best = {.corner = {{1, 0, 0}, {0, 1, 0}, {0, 0, corners == 3}}};
@@ -341,7 +358,7 @@ static piece find_lowest(const pliant_part *part, const double (*at)[3], int cor
     return best;
 }
 
-/* A part with the same middle, of two cells' size. */
+/* Scale a piece about its center to this radius. */
 static void resize_to(double size, int corners, piece *of)
 {
     const double scale = of->radius > 0 ? size / of->radius : 1;

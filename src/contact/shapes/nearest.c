@@ -1,6 +1,8 @@
-/* The nearest of many triangles, and whether they go round a point: a tree of boxes, each split in the middle of its longest side's order.
- * Winding numbers as in Jacobson, Kavan, Sorkine-Hornung, Robust Inside-Outside Segmentation using Generalized Winding Numbers, ACM Trans. Graph. 32(4),
- * 2013, eq. 5; what is far counts as one dipole: Barill, Dickson, Schmidt, Levin, Jacobson, Fast Winding Numbers for Soups and Clouds, 37(4), 2018. */
+/* Nearest of many triangles, and winding numbers, by a tree of boxes. Each box is split at the median of its
+ * longest side.
+ * Winding numbers follow Jacobson, Kavan, Sorkine-Hornung, Robust Inside-Outside Segmentation using Generalized
+ * Winding Numbers, ACM Trans. Graph. 32(4), 2013, eq. 5. Distant boxes are approximated by one dipole (Barill,
+ * Dickson, Schmidt, Levin, Jacobson, Fast Winding Numbers for Soups and Clouds, ACM Trans. Graph. 37(4), 2018). */
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
@@ -10,21 +12,21 @@
 #include <string.h>
 
 enum { LEAF = 4, DEEPEST = 64 };
-static const double far = 3; /* radii of a box's triangles: beyond, they are a dipole */
+static const double far = 3; /* distance in radii of a box's triangles beyond which they are a dipole */
 static const double pi = 3.14159265358979323846;
 
 typedef struct tree_box {
     double low[3], high[3];
-    double area[3], middle[3], radius; /* dipole: sum of the triangles' vectors of area, and where */
-    int32_t first, count;              /* of a leaf: triangles in order */
-    int32_t child;                     /* the first of two, side by side; a leaf: -1 */
+    double area[3], middle[3], radius; /* dipole: sum of the triangles' area vectors, and its position */
+    int32_t first, count;              /* leaf: range in order */
+    int32_t child;                     /* first of two consecutive children; leaf: -1 */
 } tree_box;
 
 struct pliant_triangle_tree {
     const double *points;
     const int32_t *triangles;
     int32_t *order, num_boxes;
-    double *middle; /* (triangles x 3), while it is made */
+    double *middle; /* (triangles x 3), only during construction */
     tree_box *box;
 };
 
@@ -37,7 +39,7 @@ static void cross(const double *a, const double *b, double *out)
 
 static const double *corner(const pliant_triangle_tree *tree, int32_t triangle, int k) { return tree->points + 3 * (size_t)tree->triangles[3 * (size_t)triangle + (size_t)k]; }
 
-/* ---- making it */
+/* ---- construction */
 
 static void fill_box(const pliant_triangle_tree *tree, tree_box *box)
 {
@@ -78,7 +80,7 @@ static bool comes_before(const pliant_triangle_tree *tree, int32_t a, int32_t b,
     return x != y ? x < y : a < b;
 }
 
-/* Hoare's selection: what comes before the middle one stands before it. */
+/* Hoare's selection: triangles below the median come before it in the order. */
 static void split(pliant_triangle_tree *tree, int32_t first, int32_t last, int32_t middle, int axis)
 {
     while (first < last) {
@@ -150,9 +152,9 @@ void pliant_triangle_tree_free(pliant_triangle_tree *tree)
     pliant_free(tree);
 }
 
-/* ---- the nearest */
+/* ---- nearest triangle */
 
-/* By the regions of corners, edges and the inside: C. Ericson, Real-Time Collision Detection, 2005, 5.1.5. */
+/* By the Voronoi regions of corners, edges and the inside: C. Ericson, Real-Time Collision Detection, 2005, 5.1.5. */
 void pliant_triangle_nearest_weights(const double a[3], const double b[3], const double c[3], const double p[3], double out[3])
 {
     double ab[3], ac[3], ap[3], bp[3], cp[3], v = 0, w = 0;
@@ -219,7 +221,7 @@ double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const dou
         }
         if (box->child < 0) continue;
         const double first = square_from(tree->box + box->child, p), second = square_from(tree->box + box->child + 1, p);
-        const int nearer = second < first; /* comes last on the stack, and is looked at first */
+        const int nearer = second < first; /* the nearer child is last on the stack, so it is visited first */
         stack[depth] = box->child + !nearer;
         from[depth++] = nearer ? first : second;
         stack[depth] = box->child + nearer;
@@ -230,7 +232,8 @@ double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const dou
 
 /* ---- winding numbers */
 
-/* Solid angle of a triangle: van Oosterom and Strackee, The Solid Angle of a Plane Triangle, IEEE Trans. Biomed. Eng. 30:125, 1983, eq. 8. */
+/* Return the solid angle of a triangle (van Oosterom and Strackee, The Solid Angle of a Plane Triangle, IEEE Trans.
+ * Biomed. Eng. 30:125, 1983, eq. 8). */
 static double solid_angle(const double *const corners[3], const double p[3])
 {
     double to[3][3], length[3], normal[3];

@@ -9,14 +9,14 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double thinnest = 5e-5; /* radius [m] */
+static const double thinnest = 5e-5; /* minimum radius [m] */
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static double length(const double *a) { return sqrt(dot(a, a)); }
 
 /* ---- distances */
 
-/* from a point, grown by a radius */
+/* Distance from a point that is enlarged by a radius. */
 static double from_centre(const double apart[3], double radius, double normal[3])
 {
     const double far = length(apart);
@@ -74,7 +74,7 @@ void pliant_part_leave(const pliant_part *part, const double p[3], const double 
     double normal[3], distance = pliant_part_distance(part, p, normal);
     const double rounding = 1e-9;
     memcpy(out, p, 3 * sizeof *out);
-    /* what is left of the way is at least the distance */
+    /* the remaining distance along the ray is at least the signed distance */
     for (int step = 0; step < MOST_STEPS && distance < -rounding; step++) {
         for (int d = 0; d < 3; d++) out[d] -= distance * direction[d];
         distance = pliant_part_distance(part, out, normal);
@@ -84,7 +84,8 @@ void pliant_part_leave(const pliant_part *part, const double p[3], const double 
 double pliant_part_depth(const pliant_part *part)
 {
     if (part->kind == PLIANT_PART_HALF_SPACE) return INFINITY;
-    if (part->kind == PLIANT_PART_SOLID) /* one that is not convex may be thin elsewhere, as thin as its field tells */
+    /* a solid that is not convex may be thinner elsewhere, down to the resolution of its field */
+    if (part->kind == PLIANT_PART_SOLID)
         return part->radius + (part->solid->convex ? part->solid->depth : fmin(part->solid->depth, 2 * part->solid->cell));
     if (part->kind != PLIANT_PART_BOX) return part->radius;
     return part->radius + 0.5 * fmin(fmin(part->to[0] - part->from[0], part->to[1] - part->from[1]), part->to[2] - part->from[2]);
@@ -102,7 +103,7 @@ pliant_part pliant_part_core(const pliant_part *part, double guard)
     return core;
 }
 
-/* Low and high corner of what is grown by the radius; a capsule's ends as they are. */
+/* Low and high corner of the shape before it is enlarged by the radius; for a capsule, its two ends. */
 static void corners_of(const pliant_part *part, double low[3], double high[3])
 {
     const bool is_solid = part->kind == PLIANT_PART_SOLID;
@@ -133,7 +134,7 @@ double pliant_part_reach(const pliant_part *part, const double from[3])
     return far + part->radius;
 }
 
-/* ---- what a part may be */
+/* ---- validity of a part */
 
 static const char *complain(char *reason, size_t size, const char *text)
 {
@@ -161,7 +162,8 @@ const char *pliant_part_check(const pliant_part *part, bool of_tool, char *reaso
             }
     if (part->kind == PLIANT_PART_SOLID && !part->solid) return complain(reason, size, "it has no solid");
     if (!(part->radius >= 0 && part->radius <= most)) return complain(reason, size, "its radius must be between 0 and 10 m");
-    const double depth = part->kind == PLIANT_PART_SOLID ? part->radius + part->solid->depth : pliant_part_depth(part); /* however fine its field is */
+    /* independent of the field's resolution */
+    const double depth = part->kind == PLIANT_PART_SOLID ? part->radius + part->solid->depth : pliant_part_depth(part);
     if (!(depth >= thinnest)) return complain(reason, size, "it is thinner than 0.1 mm");
     return NULL;
 }
@@ -244,7 +246,7 @@ void pliant_part_pose(const pliant_tool_shape *shape, pliant_part_frame frame, c
         pliant_rotate(rotation, turned, joint);
         for (int d = 0; d < 3; d++) out->rotation[3 * d + column] = joint[d];
     }
-    /* the joint stays: l -> joint + turned (l - joint), then the tool's pose */
+    /* the joint stays fixed: l -> joint + rotated (l - joint), then the tool's pose */
     pliant_rotate(rotation, shape->joint, joint);
     pliant_pose_turn(out, shape->joint, turned);
     for (int d = 0; d < 3; d++) out->place[d] = tip[d] + joint[d] - turned[d];

@@ -8,10 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double one_point = 1e-6;         /* of the size: corners that are nearer are one */
-static const double largest = 10, smallest = 1e-4; /* size [m] */
+static const double one_point = 1e-6;         /* relative to the size: corners within this distance are merged */
+static const double largest = 10, smallest = 1e-4; /* limits of the size [m] */
 
-/* Points and triangles on their way to a solid, in the file's units. */
+/* Points and triangles before they become a solid, in the file's units. */
 typedef struct surface {
     const char *name;
     int32_t num_points, num_triangles;
@@ -40,12 +40,12 @@ void pliant_solid_release(const pliant_solid *solid)
     if (own && atomic_fetch_sub_explicit(&own->holders, 1, memory_order_acq_rel) == 1) free_solid(own);
 }
 
-/* ---- corners that are one */
+/* ---- merging of corners */
 
 typedef struct weld {
     const surface *of;
     double low[3], least;
-    int32_t *head, *next, *same; /* table of cells, lists of points; the first point that each is */
+    int32_t *head, *next, *same; /* hash table of cells, lists of points; the first point that each is merged with */
     uint32_t mask;
 } weld;
 
@@ -83,10 +83,10 @@ static void keep_point(weld *on, int32_t point)
     *head = point;
 }
 
-/* Points that are one get one number, and triangles that are none are left out. */
+/* Give merged points one number, and remove degenerate triangles. */
 static void join(surface *of, const int32_t *same)
 {
-    int32_t *number = of->triangles, left = 0; /* of points, as they stay */
+    int32_t *number = of->triangles, left = 0; /* numbers of the remaining points */
     for (int32_t t = 0; t < of->num_triangles; t++) {
         const int32_t a = same[number[3 * (size_t)t]], b = same[number[3 * (size_t)t + 1]], c = same[number[3 * (size_t)t + 2]];
         if (a == b || b == c || c == a) continue;
@@ -121,7 +121,7 @@ static pliant_status join_points(surface *of, double size, const double low[3])
     return good ? PLIANT_OK : pliant_fail_memory(of->name);
 }
 
-/* Without points that no triangle has. */
+/* Remove points that no triangle uses. */
 static pliant_status leave_points_out(surface *of)
 {
     int32_t *number = pliant_calloc((size_t)of->num_points, sizeof *number), count = 0;
@@ -138,9 +138,9 @@ static pliant_status leave_points_out(surface *of)
     return PLIANT_OK;
 }
 
-/* ---- closed, and one way round */
+/* ---- closed and consistently oriented */
 
-/* An edge as one of its triangles has it: lower node, higher node, and whether it goes up. */
+/* An edge of one triangle: lower node, higher node, and its direction. */
 typedef struct half_edge { int32_t low, high, up; } half_edge;
 
 static int compare_edges(const void *a, const void *b)
@@ -159,7 +159,7 @@ static pliant_status complain(const surface *of, const half_edge *edge, int32_t 
                        "%.6g, %.6g); corners must go round counter-clockwise as seen from outside, everywhere", of->name, bad, edges, a[0], a[1], a[2], b[0], b[1], b[2]);
 }
 
-/* Along every edge as many triangles go up as down. */
+/* Check that each edge has as many triangles in one direction as in the other. */
 static pliant_status check_closed(const surface *of)
 {
     const size_t count = 3 * (size_t)of->num_triangles;
@@ -186,7 +186,7 @@ static pliant_status check_closed(const surface *of)
 
 /* ---- the solid */
 
-/* about the fixed axes x, y, z, one after the other */
+/* Rotate about the fixed axes x, y and z, in this order. */
 static void turn(const double angle[3], const double v[3], double out[3])
 {
     const double cx = cos(angle[0]), sx = sin(angle[0]), cy = cos(angle[1]), sy = sin(angle[1]), cz = cos(angle[2]), sz = sin(angle[2]);
@@ -197,7 +197,7 @@ static void turn(const double angle[3], const double v[3], double out[3])
     out[2] = -sy * v[0] + cy * z;
 }
 
-/* Size and places in metres. */
+/* Compute the bounding box in meters, and check its size. */
 static pliant_status take_measure(pliant_solid *solid, const char *name)
 {
     double size = 0;
@@ -215,7 +215,7 @@ static pliant_status take_measure(pliant_solid *solid, const char *name)
     return PLIANT_OK;
 }
 
-/* by tetrahedra to a point of its own; one that is inside out is turned */
+/* Compute the volume by tetrahedra to one common point. Turn the triangles of an inverted surface. */
 static pliant_status find_volume(pliant_solid *solid, const char *name)
 {
     double sum = 0;
@@ -256,7 +256,7 @@ static pliant_status make_faces(pliant_solid *solid, const char *name)
     return PLIANT_OK;
 }
 
-/* takes over what the surface holds */
+/* Make the solid. It takes over the surface's arrays. */
 static pliant_status finish(surface *of, const pliant_solid_options *options, pliant_solid **out)
 {
     pliant_solid *solid = pliant_calloc(1, sizeof *solid);

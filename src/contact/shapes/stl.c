@@ -1,4 +1,4 @@
-/* STL files, as in: 3D Systems, StereoLithography Interface Specification, 1989. */
+/* STL files (3D Systems, StereoLithography Interface Specification, 1989). */
 #include "contact/shapes/solid.h"
 
 #include "base/fail.h"
@@ -14,7 +14,7 @@
 
 enum { HEADER = 84, RECORD = 50, MOST_BYTES = 320 << 20 };
 
-/* all of a file, with a 0 behind it */
+/* Read a whole file and append a 0. */
 static pliant_status read_bytes(const char *path, uint8_t **out, size_t *size)
 {
     size_t room = 1 << 16, length = 0;
@@ -52,7 +52,7 @@ static uint32_t word_at(const uint8_t *bytes) { return bytes[0] | (uint32_t)byte
 static pliant_status read_binary(const char *path, const uint8_t *bytes, int32_t count, double *points)
 {
     for (int32_t t = 0; t < count; t++)
-        for (int k = 0; k < 9; k++) { /* behind the normal, which the corners tell */
+        for (int k = 0; k < 9; k++) { /* after the normal, which follows from the corners */
             const uint32_t word = word_at(bytes + HEADER + (size_t)RECORD * (size_t)t + 12 + 4 * k);
             float value;
             memcpy(&value, &word, sizeof value);
@@ -66,7 +66,7 @@ static pliant_status read_binary(const char *path, const uint8_t *bytes, int32_t
 
 typedef struct text_reader { const char *path, *at; int line; char word[64]; } text_reader;
 
-/* false: the text is at its end */
+/* Read the next word. Return false at the end of the text. */
 static bool next_word(text_reader *reader)
 {
     size_t length = 0;
@@ -85,13 +85,13 @@ static pliant_status read_corner(text_reader *reader, double out[3])
     return PLIANT_OK;
 }
 
-/* @param points NULL: they are only counted */
+/* points: NULL: count triangles only */
 static pliant_status read_text(const char *path, const char *text, int32_t *count, double *points)
 {
     text_reader reader = {.path = path, .at = text, .line = 1};
     int corners = 0;
     bool ends = false, open = false;
-    double facet[12]; /* room for the corner that is too many */
+    double facet[12]; /* space for one corner too many */
     *count = 0;
     while (next_word(&reader)) {
         const bool ends_facet = !strcmp(reader.word, "endfacet");
@@ -109,7 +109,8 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
             if (points) memcpy(points + 9 * (size_t)*count, facet, 9 * sizeof *facet);
             open = false;
             if (++*count > PLIANT_SOLID_TRIANGLES) return PLIANT_OK;
-        } else if (!strcmp(reader.word, "solid") || !strcmp(reader.word, "endsolid")) { /* a name, or none, on the rest of its line */
+        /* the rest of the line is an optional name */
+        } else if (!strcmp(reader.word, "solid") || !strcmp(reader.word, "endsolid")) {
             ends = reader.word[0] == 'e';
             reader.at += strcspn(reader.at, "\n");
         }
@@ -117,7 +118,7 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
     return ends ? PLIANT_OK : pliant_fail(PLIANT_ERROR_FORMAT, "%s: ends at line %d without 'endsolid': it is truncated", path, reader.line);
 }
 
-/* ---- either */
+/* ---- both formats */
 
 static pliant_status check_count(const char *path, uint32_t count)
 {

@@ -18,7 +18,10 @@
 extern "C" {
 #endif
 
-enum { PLIANT_CONE_TOGETHER = 192 /* maximum number of rows of points in contact */, PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1) };
+enum {
+    PLIANT_CONE_TOGETHER = 192 /* maximum number of rows of points in contact */,
+    PLIANT_CONE_EQUATIONS = PLIANT_CONE_TOGETHER * (PLIANT_CONE_TOGETHER + 1)
+};
 #define PLIANT_CONE_HELD (-1.0) /* instead of mu: any force, v = 0 */
 
 /* Regularization: this fraction is added to a point's own block of A for changes of the forces. Points of one
