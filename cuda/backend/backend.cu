@@ -1,4 +1,4 @@
-/* The table of the CUDA backend: the host's side of each stage. */
+/* The CUDA backend: the host's side of each stage. */
 #include "backend/backend.h"
 #include "cuda/base/check.h"
 #include "base/fail.h"
@@ -18,12 +18,13 @@ struct cuda_data {
     cudaStream_t stream;
     pliant_cuda_solver *solver;
     const double *d_positions;   /* (fine nodes x 3) of this step */
-    double *arriving;            /* (fine nodes x 3) of the host; changes places with data->positions when complete */
-    double *page_locked[2];      /* those two, where they could be; either may be the other by now */
-    double *landing;             /* in their place where there may be cuts: page-locked, with room for more nodes; is copied from */
-    size_t landing_room;         /* bytes */
-    bool brought;                /* this step's positions are the host's already */
-    bool moved;                  /* and are others than the device's of the fine mesh */
+    double *arriving;            /* (fine nodes x 3) buffer of the host; swapped with data->positions when complete */
+    double *page_locked[2];      /* these two arrays, page-locked if possible; they may be swapped */
+    /* replaces them if cuts are possible: page-locked, with capacity for more nodes; its contents are copied */
+    double *landing;
+    size_t landing_room;         /* [bytes] */
+    bool brought;                /* the host has this step's positions already */
+    bool moved;                  /* the host has changed its positions after the device */
 };
 
 static double *target_of(const cuda_data *state) { return state->landing ? state->landing : state->arriving; }
@@ -89,7 +90,7 @@ static pliant_status create(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-/* Back to the body at load, all is as it was at load, to the bit. */
+/* A simulation that returns to the topology at load must be identical to a new one, so it is rebuilt. */
 static pliant_status follow(const pliant_model *model, pliant_data *data, const pliant_data *before, const pliant_body_map *map, bool *possible)
 {
     cuda_data *state = state_of(data);
@@ -117,7 +118,7 @@ static pliant_status move(const pliant_model *, pliant_data *data)
     return pliant_cuda_solver_move(state_of(data)->solver, data->solver);
 }
 
-/* of a coarse mesh it was brought when the step ended */
+/* positions of a coarse mesh were downloaded at the end of the step */
 static void download(const pliant_model *model, pliant_data *data)
 {
     (void)model;
@@ -145,7 +146,7 @@ static pliant_status enqueue_upsample(const pliant_data *data)
     return CUDA_CALL(cudaMemcpyAsync(target_of(state), state->d_positions, bytes, cudaMemcpyDeviceToHost, state->stream));
 }
 
-/* what has arrived becomes the host's */
+/* Make the downloaded positions the host's positions. */
 static void take(pliant_data *data, const double *h_solved)
 {
     cuda_data *state = state_of(data);
@@ -172,8 +173,7 @@ static pliant_status bring(const pliant_model *, pliant_data *data)
     return PLIANT_OK;
 }
 
-/* A patch is solved by the host, from where the coarse model has the fine nodes now, and pieces that have come off are
- * moved by it. */
+/* Upsample. The host solves patches and moves detached pieces, so it then needs the fine nodes' positions. */
 static pliant_status hand_over(const pliant_model *model, pliant_data *data)
 {
     CUDA_TRY(enqueue_upsample(data));
@@ -188,7 +188,7 @@ static pliant_status upsample(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-/* the warp, and the end of the step: all that was asked for has arrived */
+/* Run the warp and end the step: all requested data have arrived. */
 static pliant_status finish(pliant_data *data)
 {
     cuda_data *state = state_of(data);
@@ -212,7 +212,7 @@ static pliant_status warp(const pliant_model *model, pliant_data *data)
     return status;
 }
 
-/* by name: C++14 has no designated initializers */
+/* Built by assignment: C++14 has no designated initializers. */
 static constexpr pliant_backend table()
 {
     pliant_backend made{};

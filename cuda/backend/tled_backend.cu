@@ -1,4 +1,4 @@
-/* The table of explicit dynamics on the GPU. */
+/* The CUDA backend of explicit dynamics. */
 #include "backend/backend.h"
 #include "cuda/base/check.h"
 #include "cuda/base/device.h"
@@ -39,7 +39,7 @@ static pliant_status solve(const pliant_model *, pliant_data *data)
     return status;
 }
 
-/* from the positions that are on the GPU, where the warp is there too */
+/* Update the warp from the positions on the GPU, if the warp is on the GPU too. */
 static pliant_status draw(const pliant_data *data)
 {
     pliant_cuda_warp *on_gpu = data->warp ? static_cast<pliant_cuda_warp *>(pliant_warp_accelerated(data->warp)) : NULL;
@@ -60,7 +60,7 @@ static pliant_status warp(const pliant_model *, pliant_data *data)
     return status;
 }
 
-/* by name: C++14 has no designated initializers */
+/* Built by assignment: C++14 has no designated initializers. */
 static constexpr pliant_backend table()
 {
     pliant_backend made{};

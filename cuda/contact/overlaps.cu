@@ -1,9 +1,9 @@
-/* Which tetrahedra overlap: lists of those in every cell of a grid, pairs of a list whose boxes meet, and which of
- * those overlap.
+/* Overlapping tetrahedra on the GPU: a list of tetrahedra for every cell of a grid, then pairs in a list whose
+ * boxes intersect, then the overlap test.
  *
- * Cells have no bounds: a table takes them by a hash of their place, and an entry tells which cell it is of. How long
- * each list is is counted first, then lists lie one after the other, and threads share what comes after each entry.
- * Pairs are the same in any order, and are sorted where they are asked for. */
+ * The grid is unbounded: a hash of a cell's position selects its list, and each entry names its cell. The lengths
+ * of the lists are counted first. Then the lists are stored one after the other, and threads share the entries
+ * after each entry. The order of the pairs varies; they are sorted when they are copied to the host. */
 #include "cuda/contact/overlaps.cuh"
 
 #include "contact/detect/overlap.h"
@@ -16,9 +16,9 @@ using namespace overlaps;
 
 namespace {
 
-enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of one */, LANES_OF_ENTRY = 8 /* or its list */ };
+enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of a tetrahedron */, LANES_OF_ENTRY = 8 /* threads that share the list of an entry */ };
 
-/* Cells that a box lies in, one after the other; none where it is no box, or too large. */
+/* The cells that a box covers; none if the box is not finite, or too large. */
 struct cells {
     int32_t low[3], wide[3], count;
     __device__ cells(const view &v, const tet_box &box) : count(0)
@@ -62,7 +62,7 @@ __global__ void __launch_bounds__(THREADS) count_kernel(view v)
         box.low[d] = fmin(fmin(x[0], x[1]), fmin(x[2], x[3])) - v.now->margin;
         box.high[d] = fmax(fmax(x[0], x[1]), fmax(x[2], x[3])) + v.now->margin;
     }
-    if (!finite) box.low[0] = NAN; /* which minima leave out */
+    if (!finite) box.low[0] = NAN; /* minima ignore NaN */
     if (lane == 0) v.box[i] = box;
     const cells of(v, box);
     for (int32_t n = lane; n < of.count; n += LANES_OF_TET) {
@@ -72,7 +72,7 @@ __global__ void __launch_bounds__(THREADS) count_kernel(view v)
     }
 }
 
-/* a thread a list: where it begins, in the order in which warps come */
+/* One thread for each list: compute its start. The order of the lists depends on the order of the warps. */
 __global__ void __launch_bounds__(THREADS) start_kernel(view v)
 {
     const int32_t list = (int32_t)(blockIdx.x * THREADS + threadIdx.x), lane = (int32_t)threadIdx.x % 32;
@@ -112,12 +112,12 @@ __global__ void __launch_bounds__(THREADS) fill_kernel(view v)
 
 struct met { unsigned long long cell; int32_t a, b; };
 
-/* Of one warp: pairs whose boxes meet, and those of them that are to be tested, until there are enough for all its
- * threads. */
+/* Queues of one warp: pairs whose boxes intersect, and pairs for the overlap test. They collect work for all
+ * threads of the warp. */
 struct desk { met pairs[64]; int2 tests[64]; };
 struct waiting { int pairs, tests; };
 
-/* In the cell of the lowest corner of what their boxes have in common alone, of tetrahedra without a common node. */
+/* Select pairs without a common node, in the one cell that contains the lowest corner of the boxes' intersection. */
 __device__ bool is_for_test(const view &v, const met &pair)
 {
     const tet_box mine = v.box[pair.a], other = v.box[pair.b];
@@ -146,7 +146,7 @@ __device__ bool overlap(const view &v, int2 pair)
     return pliant_tets_overlap(x, y);
 }
 
-/* The last `count` of the tests that wait, one a thread. */
+/* Test the last `count` pairs of the queue, one in each thread. */
 __device__ void test(const view &v, const desk &on, waiting &left, int count)
 {
     const int lane = (int)threadIdx.x % 32;
@@ -162,7 +162,7 @@ __device__ void test(const view &v, const desk &on, waiting &left, int count)
     __syncwarp();
 }
 
-/* The last `count` of the pairs that wait, likewise. */
+/* Select from the last `count` pairs of the queue, likewise. */
 __device__ void look(const view &v, desk &on, waiting &left, int count)
 {
     const int lane = (int)threadIdx.x % 32;
@@ -176,7 +176,7 @@ __device__ void look(const view &v, desk &on, waiting &left, int count)
     __syncwarp();
 }
 
-/* each entry with those after it in its list */
+/* Compare each entry with the following entries of its list. */
 __global__ void __launch_bounds__(THREADS) pair_kernel(view v)
 {
     __shared__ desk desks[WARPS];
@@ -217,8 +217,8 @@ struct gpu_overlaps {
     step *d_now, *h_now;
     gpu_cells cells;
     size_t entries_bytes, pairs_bytes;
-    int blocks; /* that the device runs at once */
-    cudaGraphExec_t graph; /* Nullable: of what it was made for */
+    int blocks; /* that run on the device at the same time */
+    cudaGraphExec_t graph; /* Nullable: recorded for made_for */
     view made_for;
     int32_t found;
 };
@@ -234,7 +234,7 @@ void gpu_overlaps_free(gpu_overlaps *overlaps)
     pliant_free(overlaps);
 }
 
-/* Room for so many of each. */
+/* Grow the buffers to these numbers. */
 static pliant_status make_room(gpu_overlaps *overlaps, const number counts[CELLS])
 {
     view *v = &overlaps->v;
@@ -304,7 +304,7 @@ static pliant_status enqueue(gpu_overlaps *overlaps, cudaStream_t stream)
     return CUDA_CALL(cudaMemcpyAsync(overlaps->h_counts, v.counts, NUM_COUNTS * sizeof *v.counts, cudaMemcpyDeviceToHost, stream));
 }
 
-/* The same work in every step is launched as one graph. */
+/* Record the work of a step as one CUDA graph. */
 static pliant_status record(gpu_overlaps *overlaps, cudaStream_t stream)
 {
     cudaGraph_t graph = NULL;
@@ -326,8 +326,9 @@ pliant_status gpu_overlaps_find(gpu_overlaps *overlaps, const double *d_position
     overlaps->found = *count = 0;
     overlaps->v.positions = d_positions;
     if (overlaps->v.count == 0) return PLIANT_OK;
-    for (bool again = true; again;) { /* what had no room is counted */
-        const number *h_counts = overlaps->h_counts, most = 64 * (number)overlaps->v.count + 1024; /* places in the grid */
+    for (bool again = true; again;) { /* entries and pairs are counted also if they do not fit */
+        /* maximum number of entries in the grid */
+        const number *h_counts = overlaps->h_counts, most = 64 * (number)overlaps->v.count + 1024;
         gpu_cells *cells = &overlaps->cells;
         *overlaps->h_now = {cells->side * gpu_cells_coarser(cells), cells->side, margin, gpu_cells_most(cells)};
         CUDA_TRY(record(overlaps, stream));

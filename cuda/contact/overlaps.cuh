@@ -1,4 +1,4 @@
-/* The grid of tetrahedra on the GPU (overlaps.cu), for who looks at what is near a point, too. */
+/* The grid of tetrahedra on the GPU (overlaps.cu). Searches near a point use it too. */
 #ifndef PLIANT_CUDA_OVERLAPS_CUH
 #define PLIANT_CUDA_OVERLAPS_CUH
 
@@ -9,31 +9,32 @@
 
 namespace overlaps {
 
-struct entry { unsigned long long cell; int32_t tet, end; float low[3], high[3]; }; /* end: of its list; box: outwards */
+/* end: end of the list; box: rounded outwards */
+struct entry { unsigned long long cell; int32_t tet, end; float low[3], high[3]; };
 struct tet_box { double low[3], high[3]; };
 
-/* how many there are, and the most fine cells along an axis that a box lies in, of those that lie in many */
+/* number of entries, number of pairs, and the largest number of fine cells along an axis that a box covers */
 enum { ENTRIES, PAIRS, CELLS, NUM_COUNTS };
 typedef unsigned long long number;
 
-/* What is another in every step. */
+/* Values that change in every step. */
 struct step {
-    double side, fine; /* of the cells, and as it was asked for */
-    double margin;     /* that boxes are larger by on every side */
-    number most;       /* fine cells along an axis that a box may lie in */
+    double side, fine; /* side of the cells; side at creation */
+    double margin;     /* enlarges boxes on every side */
+    number most;       /* maximum number of fine cells along an axis that a box may cover */
 };
 
-/* what kernels see */
+/* Data of the kernels. */
 struct view {
-    int32_t count, table; /* table: a power of two, less 1 */
+    int32_t count, table; /* table: a power of two, minus 1 */
     const step *now;
     const int32_t *tets, *tet;
     const double *positions;
     tet_box *box;        /* (count) */
-    number *counts;      /* (NUM_COUNTS), then: */
-    int32_t *length;     /* (table + 1) of each list */
-    int32_t *start;      /* (table + 1) its first entry */
-    int32_t *next;       /* (table + 1) where the next one goes */
+    number *counts;      /* (NUM_COUNTS), followed by: */
+    int32_t *length;     /* (table + 1) length of each list */
+    int32_t *start;      /* (table + 1) first entry of each list */
+    int32_t *next;       /* (table + 1) position of the next new entry */
     entry *entries;
     int2 *pairs;
     number room[CELLS];
@@ -48,12 +49,13 @@ static __device__ __forceinline__ uint32_t hash_of(const view &v, int32_t a, int
 
 static __device__ __forceinline__ unsigned long long key_of(int32_t a, int32_t b, int32_t c)
 {
-    const unsigned long long mask = (1ull << 21) - 1; /* no box reaches as far as a cell with the same key */
+    /* no box is so large that it covers two cells with the same key */
+    const unsigned long long mask = (1ull << 21) - 1;
     return ((unsigned long long)a & mask) | ((unsigned long long)b & mask) << 21 | ((unsigned long long)c & mask) << 42;
 }
 
-/* Whether lists and pairs are whole: whoever finds that they have too little room does nothing, and it is all done
- * again with more. */
+/* Return whether lists and pairs are complete. If a buffer is too small, the kernels do nothing. The search is then
+ * repeated with larger buffers. */
 static __device__ __forceinline__ bool are_whole(const view &v) { return v.counts[ENTRIES] <= v.room[ENTRIES] && v.counts[CELLS] <= v.now->most; }
 
 } // namespace overlaps

@@ -1,5 +1,5 @@
-/* The search for tissue that touches tissue, on the GPU: what depends on the body alone is sent when it is another one,
- * in a step positions go up and what nodes touch comes back. */
+/* GPU search for contacts of tissue on tissue. Data that depend on the topology are sent once. In a step, positions
+ * are uploaded and contacts are downloaded. */
 #include "cuda/contact/tissue.h"
 
 #include "cuda/base/check.h"
@@ -15,23 +15,23 @@ namespace {
 
 enum { THREADS = 64 };
 
-/* of a node that touches something */
+/* Contacts of one node. */
 struct found { int32_t index, count; pliant_touching touching[PLIANT_TOUCHINGS]; };
 
 struct gpu_tissue {
     int device;
     cudaStream_t stream;
-    uint64_t revision;         /* of the body; 0: none */
-    const pliant_body *body;   /* that it was, to be compared alone */
+    uint64_t revision;         /* of the topology; 0: none */
+    const pliant_body *body;   /* previous topology, only for comparison */
     gpu_overlaps *overlaps;
-    pliant_tissue_view view;   /* of the device */
+    pliant_tissue_view view;   /* pointers of the device */
     int32_t num_nodes, num_skins;
     size_t positions_bytes, last_bytes, normals_bytes;
     double *d_positions, (*d_normal)[3], *h_normal;
     int32_t *d_last, *d_count, *d_num_found, *h_num_found;
     pliant_touching *d_touching;
     found *d_found, *h_found;  /* (num_nodes) */
-    void *of_body[12];         /* blocks of the device */
+    void *of_body[12];         /* buffers of the device */
     int32_t num_blocks;
 };
 
@@ -43,7 +43,7 @@ __global__ void __launch_bounds__(THREADS) normal_kernel(pliant_tissue_view on, 
     if (s < count) pliant_tissue_set_normal(&on, s);
 }
 
-/* Triangles of the tetrahedra in whose boxes a node lies, in the order in which the CPU has them. */
+/* Test the triangles of all tetrahedra whose boxes contain a node, in the CPU's order. */
 __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &v, int32_t index)
 {
     const double *point = pliant_tissue_place_of(&on, on.node[index]), side = v.now->side;
@@ -63,7 +63,7 @@ __device__ void look_around(const pliant_tissue_view &on, const overlaps::view &
     }
 }
 
-/* a thread a node */
+/* One thread for each node. */
 __global__ void __launch_bounds__(THREADS) node_kernel(pliant_tissue_view on, overlaps::view v, int32_t count, found *d_found, int32_t *d_num_found)
 {
     const int32_t index = (int32_t)(blockIdx.x * THREADS + threadIdx.x);
@@ -72,13 +72,13 @@ __global__ void __launch_bounds__(THREADS) node_kernel(pliant_tissue_view on, ov
     look_around(on, v, index);
     pliant_tissue_try_last(&on, index);
     if (on.count[index] == 0) return;
-    found *out = d_found + atomicAdd(d_num_found, 1); /* in any order: each says which node it is of */
+    found *out = d_found + atomicAdd(d_num_found, 1); /* the order varies, but each result names its node */
     out->index = index;
     out->count = on.count[index];
     for (int32_t k = 0; k < out->count; k++) out->touching[k] = on.touching[PLIANT_TOUCHINGS * (size_t)index + (size_t)k];
 }
 
-/* ---- of a body */
+/* ---- topology */
 
 void forget_body(gpu_tissue *gpu)
 {
@@ -105,7 +105,7 @@ template <class T> pliant_status send(gpu_tissue *gpu, size_t count, const T **a
     return PLIANT_OK;
 }
 
-/* Cells as large as the mean box at rest. */
+/* Return the mean size of the boxes at rest, as the side of the cells. */
 double side_of(const pliant_tissue *tissue)
 {
     const pliant_mesh *mesh = &tissue->body->fine;
@@ -173,7 +173,7 @@ pliant_status set_body(gpu_tissue *gpu, pliant_tissue *tissue)
     return PLIANT_OK;
 }
 
-/* ---- in a step */
+/* ---- step */
 
 unsigned blocks_for(int32_t count) { return (unsigned)((count + THREADS - 1) / THREADS); }
 
@@ -189,7 +189,7 @@ pliant_status enqueue(void *context, gpu_overlaps *of)
     return CUDA_CALL(cudaMemcpyAsync(gpu->h_num_found, gpu->d_num_found, sizeof *gpu->h_num_found, cudaMemcpyDeviceToHost, gpu->stream));
 }
 
-/* Normals, and what nodes touch. */
+/* Copy normals and contacts to the host's data. */
 pliant_status take(gpu_tissue *gpu, pliant_tissue *tissue)
 {
     const size_t count = (size_t)*gpu->h_num_found;

@@ -1,4 +1,4 @@
-/* Who searches for tissue that touches tissue (contact/detect/tissue.h): the GPU. */
+/* GPU search for contacts of tissue on tissue (contact/detect/tissue.h). */
 #ifndef PLIANT_CUDA_TISSUE_H
 #define PLIANT_CUDA_TISSUE_H
 

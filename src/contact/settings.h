@@ -97,7 +97,7 @@ typedef struct pliant_contact_settings {
 #undef PLIANT_SETTING_MEMBER
 
 pliant_contact_settings pliant_contact_settings_default(void);
-/* The defaults, with what the scene sets. */
+/* Return the defaults, changed by the options of the scene. */
 pliant_contact_settings pliant_contact_settings_of(const pliant_scene *scene);
 
 #ifdef __cplusplus

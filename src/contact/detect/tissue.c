@@ -32,8 +32,8 @@ static void search_node(const finding *on, int32_t index)
 
 /* ---- nodes deep inside tissue */
 
-/* Test whether a walk from a tetrahedron ends in one that contains the node. If so, search all triangles for the
- * shortest direction out, and add it as a contact. */
+/* Test whether a walk from a tetrahedron ends in a tetrahedron that contains the node. If so, search all triangles
+ * for the shortest direction out, and add it as a contact. */
 static void try_deep(const finding *on, int32_t index, int32_t tet)
 {
     const pliant_tissue *tissue = on->tissue;

@@ -109,8 +109,8 @@ static pliant_status read_text(const char *path, const char *text, int32_t *coun
             if (points) memcpy(points + 9 * (size_t)*count, facet, 9 * sizeof *facet);
             open = false;
             if (++*count > PLIANT_SOLID_TRIANGLES) return PLIANT_OK;
-        /* the rest of the line is an optional name */
         } else if (!strcmp(reader.word, "solid") || !strcmp(reader.word, "endsolid")) {
+            /* the rest of the line is an optional name */
             ends = reader.word[0] == 'e';
             reader.at += strcspn(reader.at, "\n");
         }

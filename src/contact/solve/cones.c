@@ -49,8 +49,8 @@ static void mix(const shown *history, size_t row, const double *change, double *
         }
 }
 
-/* Sweep with acceleration. The last operation is a sweep, so all forces are in their cones. room: (4 + 3 HISTORY) x
- * rows */
+/* Sweep with acceleration. The last operation is a sweep, so all forces are in their cones.
+ * @param room (4 + 3 HISTORY) x rows: buffer */
 static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, double *room)
 {
     const double enough = 1e-7; /* change by a sweep divided by the largest one */

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-/* ---- making and unmaking */
+/* ---- creation and destruction */
 
 static void free_points(pliant_touches *touches)
 {
@@ -100,7 +100,7 @@ static pliant_status make_room(pliant_touches *touches, int32_t count)
     return PLIANT_OK;
 }
 
-/* ---- the points of a step */
+/* ---- contact points of a step */
 
 static pliant_status add_weight(pliant_touches *touches, int32_t unknown, const double block[9])
 {
@@ -164,7 +164,7 @@ static void set_frame(const double normal[3], double frame[9])
     for (int d = 0; d < 3; d++) s[d] = n[(d + 1) % 3] * t[(d + 2) % 3] - n[(d + 2) % 3] * t[(d + 1) % 3];
 }
 
-/* W x of the unknowns, x over all nodes of the solved mesh */
+/* Compute W x of a point. x: (nodes of the solved mesh x 3) */
 static void moved_point(const pliant_system *system, const pliant_touches *touches, int32_t c, const double *x, double out[3])
 {
     memset(out, 0, 3 * sizeof *out);
@@ -184,7 +184,8 @@ static void from_frame(const double frame[9], const double v[3], double out[3])
     for (int r = 0; r < 3; r++) out[r] = frame[r] * v[0] + frame[3 + r] * v[1] + frame[6 + r] * v[2];
 }
 
-/* Where the point is and where it would touch and stick; a force that it had goes on, within the cone of now. */
+/* Compute the position at which the point touches and sticks. A force from the previous step stays, limited to the
+ * current cone. */
 static void set_point(const pliant_solver *solver, pliant_contact_point *point, int32_t c, const double *fine_positions)
 {
     pliant_touches *touches = solver->touches;
@@ -223,7 +224,8 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
         touches->arm_start[c] = touches->num_arms;
         status = add_weights(solver, points->point + p, fine_positions);
         if (status == PLIANT_OK && pieces) status = pliant_touches_add_arms(touches, points->point + p, fine_positions);
-        if (status != PLIANT_OK || (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c])) continue; /* nothing moves it */
+        /* fixed */
+        if (status != PLIANT_OK || (touches->num_weights == touches->start[c] && touches->num_arms == touches->arm_start[c])) continue;
         touches->start[c + 1] = touches->num_weights;
         touches->arm_start[c + 1] = touches->num_arms;
         touches->point[c] = p;
@@ -235,7 +237,7 @@ pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points
     return status;
 }
 
-/* ---- what forces move */
+/* ---- compliance */
 
 static void turn(pliant_solver *solver)
 {
@@ -271,12 +273,12 @@ void pliant_touches_pull(const pliant_touches *touches, const double *force, dou
     }
 }
 
-/* block of A of two points */
+/* Compute the block of A of two points. */
 static void answer_of(const pliant_touches *touches, int32_t a, int32_t b, double out[9])
 {
     memset(out, 0, 9 * sizeof *out);
     for (int32_t v = touches->start[a]; v < touches->start[a + 1]; v++) {
-        double moved[9] = {0}; /* of the unknown of v, by unit forces at b */
+        double moved[9] = {0}; /* motion of the unknown of v by unit forces at b */
         for (int32_t w = touches->start[b]; w < touches->start[b + 1]; w++) {
             const double *answer = pliant_answer(&touches->answers, touches->unknown[v], touches->unknown[w]), *block = touches->turned + 9 * (size_t)w;
             for (int r = 0; r < 3; r++)
@@ -296,7 +298,7 @@ int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOO
     return count;
 }
 
-/* Blocks of the tools' springs, whose answers are whole vectors. */
+/* Set the blocks of the tools' springs, whose responses are whole vectors. */
 static void set_springs(const pliant_solver *solver, const int *tool, int num_tools, size_t row)
 {
     pliant_touches *touches = solver->touches;
@@ -373,7 +375,7 @@ pliant_status pliant_touches_respond(pliant_solver *solver)
     touches->by_halves = touches->factor && num_tools == 0;
     touches->num_touched = num_answers;
     if (status != PLIANT_OK) return status;
-    /* one that is carried over from the body before is another in every step */
+    /* a preconditioner that is carried over from the previous topology changes in every step */
     if (touches->of_factor != solver->factors || pliant_preconditioner_base(solver->preconditioner)) pliant_answers_forget(&touches->answers);
     touches->of_factor = solver->factors;
     status = pliant_answers_find(&touches->answers, solver->preconditioner, touches->factor, num_answers, touches->touched);
@@ -497,11 +499,12 @@ void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_st
         from_frame(frame, force, point->force);
         point->begun = force[0] > 0;
         statistics->contacts += point->begun && touches_something;
-        for (int d = 0; d < 3; d++) point->anchor[d] += motion[1] * frame[3 + d] + motion[2] * frame[6 + d]; /* where it sticks, no motion is left */
+        /* this motion is 0 while the point sticks */
+        for (int d = 0; d < 3; d++) point->anchor[d] += motion[1] * frame[3 + d] + motion[2] * frame[6 + d];
     }
 }
 
-/* W x of all points where the solver is now */
+/* Compute W x of all points at the solver's state. */
 static void find_moved(const pliant_solver *solver)
 {
     pliant_touches *touches = solver->touches;

@@ -1,9 +1,13 @@
-/* Contact in the quasi-static solve. Points (contact/contact.h) enter a step as the tools' springs do, with forces in cones in place of springs'.
+/* Contact in the quasi-static solve. Contact points (contact/contact.h) enter a step like the tools' springs, but
+ * their forces lie in friction cones.
  *
- * At a state x with forces l the residual is r = load + W' l - f_int(x). The step without a change of the forces is g0 = K0^-1 r; forces
- * l + dl are those that keep the points x + g0 + U dl out of the obstacles, by the rules of Signorini and Coulomb (cones.h), with
- * A = W U for what a change moves; then the step is g = K0^-1 (r + W' dl). Since U = K0^-1 W', it ends where the obstacles are touched. All of A is of one
- * factor: of two, it is not positive, and steps go astray (src/contact/NUMERICS.md). */
+ * The residual at a state x with contact forces l is r = load + W' l - f_int(x). The step without a change of the
+ * forces is the free step g0 = K0^-1 r. The changes dl of the forces are chosen so that the points x + g0 + U dl
+ * satisfy the conditions of Signorini and Coulomb (cones.h). Here U = K0^-1 W', and A = W U is the compliance of
+ * the points. The step is g = K0^-1 (r + W' dl), so it ends where the obstacles are touched.
+ *
+ * All of A comes from one factor. With parts from two factors, A is not positive definite and steps diverge
+ * (src/contact/NUMERICS.md). */
 #ifndef PLIANT_FEM_QUASISTATIC_CONTACT_H
 #define PLIANT_FEM_QUASISTATIC_CONTACT_H
 
@@ -20,97 +24,108 @@ extern "C" {
 
 typedef struct pliant_iterate pliant_iterate;
 
-/* Rigid bodies that points are of: pieces that have come off, and proxies of tools. */
+/* Rigid bodies with contact points: detached pieces and proxies of tools. */
 typedef struct pliant_touch_pieces {
-    const int32_t *of_node; /* Nullable: (fine nodes) which piece; -1: none */
+    const int32_t *of_node; /* Nullable: (fine nodes) piece of each node; -1: none */
     const pliant_touch_piece *piece;
-    const pliant_touch_piece *proxy; /* Nullable: (PLIANT_MAX_TOOLS x 2) of each tool: all of it about its tip, its jaws about their joint */
-    double compliance;      /* of a point, over that of a flat punch on the pieces' tissue */
+    /* Nullable: (PLIANT_MAX_TOOLS x 2): for each tool, its motion about the tip and its jaws' motion about their
+     * joint */
+    const pliant_touch_piece *proxy;
+    double compliance;      /* compliance of a point, divided by the compliance of a flat punch on the piece's tissue */
 } pliant_touch_pieces;
 
-/* Forces of all points, as one evaluation found them. */
+/* Forces and motions of all points from one evaluation. */
 typedef struct pliant_touch_forces {
-    double *force;         /* (room x 3) l + dl: along the normal, and two tangents [N] */
-    double *motion;        /* (room x 3) of the point at x + g from where it touches and sticks, likewise [m] */
+    double *force;         /* (room x 3) l + dl: normal and two tangential components [N] */
+    /* (room x 3) motion of the point at x + g relative to its contact and sticking position, likewise [m] */
+    double *motion;
 } pliant_touch_forces;
 
 struct pliant_touches {
     pliant_contacts *points; /* borrowed, for a step */
-    /* POINTS that some unknown moves */
+    /* POINTS that at least one unknown moves */
     int32_t count, room;
-    int32_t *point;        /* (room) which of the step's */
-    double *frame;         /* (room x 9) rows: normal, two tangents */
-    double *goal;          /* (room x 3) where W x touches and sticks [m] */
-    int32_t *start;        /* (room + 1) into the weights */
+    int32_t *point;        /* (room) index of the step's contact point */
+    double *frame;         /* (room x 9) rows: normal and two tangents */
+    double *goal;          /* (room x 3) value of W x at which the point touches and sticks [m] */
+    int32_t *start;        /* (room + 1) offsets into the weights */
     double *friction;      /* (room + PLIANT_MAX_TOOLS) */
     int32_t num_weights, room_weights;
     int32_t *unknown;      /* (room_weights) */
-    double *block;         /* (room_weights x 9) dy/dx, in the axes of all */
-    double *turned;        /* (room_weights x 9) rows of the frame, x in the nodes' axes */
-    /* PIECES (contact_pieces.c) */
-    const pliant_touch_pieces *pieces; /* Nullable: none has come off; borrowed, for a step */
+    double *block;         /* (room_weights x 9) dy/dx, in the global axes */
+    double *turned;        /* (room_weights x 9) dy in the rows of the frame, dx in the nodes' axes */
+    /* RIGID BODIES (contact_pieces.c) */
+    const pliant_touch_pieces *pieces; /* Nullable: there is no rigid body; borrowed, for a step */
     int32_t num_arms, room_arms, num_moving, room_moving;
     int32_t *arm_start;    /* (room + 1) */
     pliant_touch_arm *arm; /* (room_arms) */
-    int32_t *moving;       /* (num_moving) bodies that points are of: pieces, and -1 less a proxy */
+    int32_t *moving;       /* (num_moving) bodies of the points: a piece's number, or -1 minus a proxy's number */
     /* FORCES */
-    pliant_touch_forces taken, found; /* of the state of the step; of the one evaluated last */
-    double *change;        /* (room x 3) dl of that */
-    /* ANSWERS */
+    pliant_touch_forces taken, found; /* of the step's state; of the last evaluation */
+    double *change;        /* (room x 3) dl of the last evaluation */
+    /* COMPLIANCE */
     pliant_answers answers;
-    uint64_t of_factor;    /* pliant_solver.factors that they are of */
-    pliant_factor *factor; /* Nullable: solves in two parts, for now at these unknowns; borrowed */
-    bool by_halves;        /* those: no springs pull elsewhere */
-    int32_t num_touched, *touched; /* (num_free) unknowns that points are moved by, in the order of points */
-    uint8_t *seen;         /* (num_free) room */
-    double *matrix;        /* A, tools' springs after the points; (rows x rows) */
-    double *motion, *force, *sweeps; /* (rows) room; cones.h */
+    uint64_t of_factor;    /* value of pliant_solver.factors to which the answers belong */
+    pliant_factor *factor; /* Nullable: factor whose solve can be split for these unknowns; borrowed */
+    bool by_halves;        /* the split solve is possible: no spring acts on other unknowns */
+    int32_t num_touched, *touched; /* (num_free) unknowns that move points, in the order of the points */
+    uint8_t *seen;         /* (num_free) buffer */
+    double *matrix;        /* A, with the tools' springs after the points; (rows x rows) */
+    double *motion, *force, *sweeps; /* (rows) buffers of cones.h */
     size_t room_matrix;
-    double *step;          /* (3 num_free) room */
+    double *step;          /* (3 num_free) buffer */
 };
 typedef struct pliant_touches pliant_touches;
 
-/* The points of the next step; none: NULL. fine_positions: of all fine nodes, now. pieces: Nullable. Errors: MEMORY. */
+/* Set the contact points of the next step; NULL: none.
+ * @param pieces Nullable; @param fine_positions (fine nodes x 3) current positions [m]
+ * Errors: MEMORY. */
 pliant_status pliant_solver_touch(pliant_solver *solver, pliant_contacts *points, const pliant_touch_pieces *pieces, const double *fine_positions);
 void pliant_touches_free(pliant_touches *touches); /* Nullable */
 static inline bool pliant_touches_any(const pliant_touches *touches) { return touches && touches->count > 0; }
 
-/* A, before the evaluations of a step. Errors: MEMORY, NUMERIC. */
+/* Compute A, before the evaluations of a step. Errors: MEMORY, NUMERIC. */
 pliant_status pliant_touches_respond(pliant_solver *solver);
-/* residual += W' l, in the axes of all */
+/* Add W' l to the residual, in the global axes. */
 void pliant_touches_load(const pliant_touches *touches, double *residual);
-/* The free step, of a factor at the points alone. Errors: MEMORY. */
+/* Compute the free step; with a split factor only at the unknowns of the points. Errors: MEMORY. */
 pliant_status pliant_touches_begin(pliant_solver *solver, pliant_iterate *at);
-/* From the free step: the forces; step += U W' dl and residual += W' dl. Errors: MEMORY. */
+/* Compute the forces from the free step. Add U W' dl to the step, and W' dl to the residual. Errors: MEMORY. */
 pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at);
-/* Of that, once motion has the free step's: the forces, by a matrix A. false: none changes */
+/* Compute the forces with a matrix A; touches->motion must contain the motion of the free step. Return whether any
+ * force changes. */
 bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *matrix);
-/* Tools that pull by springs, in A after the points; returns how many. Room for A and what is found with it. Errors: MEMORY. */
+/* Find the tools that pull by springs; they follow the points in A. Return their number. The second function
+ * allocates A and its buffers. Errors: MEMORY. */
 int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
 pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools);
-/* out (3) += the rows of a point on v, and v += the rows' transposes on the forces (count x 3) of all; v in the nodes' own axes */
+/* Add the rows of a point times v to out (3). Add the transposed rows of all points times the forces (count x 3) to
+ * v. v is in the nodes' own axes. */
 void pliant_touches_apply(const pliant_touches *touches, int32_t point, const double *v, double out[3]);
 void pliant_touches_pull(const pliant_touches *touches, const double *force, double *v);
-/* what was evaluated last becomes the state of the step */
+/* Make the result of the last evaluation the step's state. */
 void pliant_touches_take(pliant_touches *touches);
-/* Forces and anchors to the points, how deep the deepest lies. */
+/* Write forces and anchors to the contact points, and the largest penetration depth to the statistics. */
 void pliant_touches_report(pliant_solver *solver, pliant_statistics *statistics);
-/* The same with moved (count x 3), W x of the points where the step has led. touches: Nullable */
+/* As before, with given W x of the points at the end of the step: moved (count x 3). touches: Nullable */
 void pliant_touches_tell(pliant_touches *touches, const double *moved, pliant_statistics *statistics);
 
-/* ---- contact_pieces.c, by piece_rules.h: what is rigid adds its own answer to A. Rigid bodies between rigid jaws have none along the line between them: points of a piece
- * give way by 1 / (E sqrt(area)), as an elastic half-space does under a patch of that area (Johnson, Contact Mechanics, 3.4). */
-/* What the point has of pieces. Errors: MEMORY. */
+/* ---- contact_pieces.c, by piece_rules.h: rigid bodies add their own compliance to A. Between rigid jaws, a rigid
+ * body has no compliance along the line between them. Therefore points of a piece have a compliance of their own,
+ * proportional to 1 / (E sqrt(area)), as an elastic half-space under a patch of that area (Johnson, Contact
+ * Mechanics, 3.4). */
+/* Add the relations of a point to rigid bodies. Errors: MEMORY. */
 pliant_status pliant_touches_add_arms(pliant_touches *touches, const pliant_contact_point *point, const double *fine_positions);
-/* out += how much further than to first order the pieces' turns take a point [m] */
+/* Add the nonlinear part of a point's motion by the rotation of its bodies to out [m]. */
 void pliant_touches_bend(const pliant_touches *touches, int32_t point, double out[3]);
-/* one of those that points are of */
+/* Return a body by its index in touches->moving. */
 const pliant_touch_piece *pliant_touches_moving(const pliant_touches *touches, int32_t moving);
-/* of a point by itself [m/N] */
+/* Return the compliance of a point of a piece [m/N]. */
 double pliant_touches_give_way(const pliant_touches *touches, int32_t point);
-/* out += block of A of two points, in their frames */
+/* Add the block of A of two points by their common rigid bodies to out, in their frames. */
 void pliant_touches_answer_pieces(const pliant_touches *touches, int32_t a, int32_t b, double out[9]);
-/* motion (count x 3) += of the points by the pieces, where these forces are on (in the points' frames); bare: without what the points themselves give way */
+/* Add the motion of the points by the rigid bodies under these forces (in the points' frames) to motion (count x
+ * 3). bare: without the points' own compliance */
 void pliant_touches_move_pieces(const pliant_touches *touches, const double *force, bool bare, double *motion);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Contact of pieces that have come off, in the quasi-static solve. */
+/* Contact of rigid bodies in the quasi-static solve: detached pieces and proxies of tools. */
 #include "fem/quasistatic/contact.h"
 
 #include "base/fail.h"
@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-/* one of the list; < 0: there is no memory */
+/* Return the index of a body in touches->moving. < 0: out of memory */
 static int32_t find_moving(pliant_touches *touches, int32_t piece)
 {
     for (int32_t m = 0; m < touches->num_moving; m++)
@@ -40,7 +40,8 @@ static pliant_touch_arm *find_arm(pliant_touches *touches, int32_t piece)
     return touches->arm + touches->num_arms++;
 }
 
-/* A point of a tool goes against its gap. Jaws turn by half of their angle each, about their joint. */
+/* Add the relation of a tool's point to its proxy. The proxy's motion reduces the gap, hence the signs. Each jaw
+ * turns by half of the jaw angle about the joint. */
 static pliant_status add_proxy(pliant_touches *touches, const pliant_contact_point *point)
 {
     const int32_t first = 2 * point->tool;
@@ -83,7 +84,8 @@ void pliant_touches_bend(const pliant_touches *touches, int32_t c, double out[3]
     for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) pliant_arm_bend(touches->arm + a, pliant_touches_moving(touches, touches->arm[a].moving), out);
 }
 
-/* Rigid bodies leave open how several points share a load: a small compliance says it (a fraction of a flat punch's on their tissue, 1 / (E sqrt(area))). */
+/* Rigid bodies do not determine the forces of several points that carry a load together. A small compliance of each
+ * point does (a fraction of a flat punch's on their tissue, 1 / (E sqrt(area))). */
 double pliant_touches_give_way(const pliant_touches *touches, int32_t c)
 {
     const pliant_contact_point *point = touches->points->point + touches->point[c];
@@ -112,7 +114,7 @@ void pliant_touches_move_pieces(const pliant_touches *touches, const double *for
 {
     for (int32_t m = 0; m < touches->num_moving; m++) {
         double load[6] = {0}, moved[6];
-        for (int pass = 0; pass < 2; pass++) { /* what all points pull it with; where they go with it */
+        for (int pass = 0; pass < 2; pass++) { /* first sum the load of all points, then compute their motion */
             for (int k = 0; k < 6 && pass == 1; k++) moved[k] = pliant_piece_moves(pliant_touches_moving(touches, m), load, k);
             for (int32_t c = 0; c < touches->count; c++)
                 for (int32_t a = touches->arm_start[c]; a < touches->arm_start[c + 1]; a++) {
