@@ -43,7 +43,7 @@ static pliant_advance_triangle triangle_of(const surface *of, const pliant_advan
     return out;
 }
 
-/* One iteration of every pair, which is the last one of most. */
+/* Make one iteration for every pair. Most pairs need no other. */
 static int64_t step_all(pliant_advance *advance, const surface *of, int num_threads)
 {
     int64_t distances = 0;
@@ -104,7 +104,7 @@ pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles
     for (int32_t n = 0; n < left; n++) {
         pliant_advance_pair *pair = advance->pair + advance->rank[n].pair;
         const pliant_advance_triangle triangle = triangle_of(&of, pair);
-        if (pair->t >= out->t) break; /* so are the others */
+        if (pair->t >= out->t) break; /* the other pairs have larger fractions */
         while (!pair->ends && pair->t < out->t)
             pair->ends = pliant_advance_pair_step(&advance->settings, advance->motion + pair->part, &triangle, pair,
                                                   &out->distances);

@@ -25,65 +25,65 @@ typedef struct pliant_tool_pose {
     double tip[3], rotation[4], jaw;
 } pliant_tool_pose;
 
-/* The pose at a fraction of a leg. t = 0 and t = 1 return both ends. */
+/* Compute the pose at a fraction of a leg. t = 0 and t = 1 return the two ends exactly. */
 void pliant_tool_pose_between(const pliant_tool_pose *from, const pliant_tool_pose *to, double t,
                               pliant_tool_pose *out);
 
-/* One rigid part through a leg. */
+/* One rigid part during a leg. */
 typedef struct pliant_advance_part {
     const pliant_part *part;
     const pliant_tool_shape *shape; /* Nullable: the part stands still, and its frame is the scan's */
     pliant_tool_pose from, to;      /* not read without a shape */
     double guard;                   /* depth from the surface to the core [m] */
-    bool released; /* pairs whose core distance is at most 0 at the start are exempt; otherwise such a pair gives t = 0
-                    */
+    /* exempt pairs that overlap at the start (core distance at most 0); otherwise such a pair gives t = 0 */
+    bool released;
     int32_t num_held;
-    const int32_t *held; /* (num_held) ascending nodes that the tool holds: triangles with one of them are exempt */
+    const int32_t *held; /* (num_held) nodes that the tool holds, ascending; triangles with one of them are exempt */
 } pliant_advance_part;
 
 typedef struct pliant_advance_result {
     double t;               /* fraction of the leg, 0 to 1 */
     int32_t part, triangle; /* the pair that limits t; -1: none */
-    int32_t pairs;          /* pairs that the broad phase left */
+    int32_t pairs;          /* number of pairs after the broad phase */
     int64_t distances;      /* distances evaluated */
-    double least; /* smallest core distance of these pairs at t, exempt ones left out; INFINITY: none is near [m] */
+    double least; /* smallest core distance of these pairs at t, without exempt ones; INFINITY: no pair is near [m] */
 } pliant_advance_result;
 
-/* Buffers, kept from leg to leg. */
+/* Buffers that are kept from leg to leg. */
 typedef struct pliant_advance pliant_advance;
 /* @param settings Nullable: the defaults. Errors: MEMORY */
 pliant_status pliant_advance_create(const pliant_contact_settings *settings, pliant_advance **out);
 void pliant_advance_free(pliant_advance *advance); /* Nullable */
 
-/* The depth from a part's surface to its core [m], of a mesh with this smallest cell [m]. */
+/* Return the guard depth of a part: the depth from its surface to its core [m]. smallest_cell: of the mesh [m] */
 double pliant_advance_guard(const pliant_contact_settings *settings, const pliant_part *part, double smallest_cell);
 
-/* The largest fraction of a leg. The result does not depend on the number of threads.
- * @param triangles (num_triangles x 3) nodes of the surface; @param from, to (nodes x 3) positions at both ends of the
- * leg, which are finite [m]
- * Errors: MEMORY (out is not written) */
+/* Compute the largest fraction of a leg. The result does not depend on the number of threads.
+ * @param triangles (num_triangles x 3) nodes of the surface
+ * @param from, to (nodes x 3) positions at both ends of the leg, finite [m]
+ * Errors: MEMORY (out is not written). */
 pliant_status pliant_advance_find(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
                                   int num_threads, pliant_advance_result *out);
 
 typedef struct pliant_advance_audit_result {
-    double least; /* smallest core distance of all pairs that are near, held and released ones left out; INFINITY: none
-                     is near [m] */
+    /* smallest core distance of all near pairs, without held and released ones; INFINITY: no pair is near [m] */
+    double least;
     int32_t part, triangle; /* its pair; -1: none */
-    int32_t crossings; /* pairs in which an edge of the surface enters a core, or an edge or axis of a core enters a
-                          triangle */
-    int32_t crossing_part, crossing_triangle; /* the first of them; -1: none */
+    /* number of pairs in which an edge of the surface enters a core, or an edge or axis of a core enters a triangle */
+    int32_t crossings;
+    int32_t crossing_part, crossing_triangle; /* the first such pair; -1: none */
 } pliant_advance_audit_result;
 
-/* Check one configuration: nodes at `positions`, parts in their `from` poses. Crossings are found by other code than
- * distances. A part that is released is left out: its tissue may overlap it. Errors: MEMORY (out is not written) */
+/* Check one configuration: nodes at `positions`, parts at their `from` poses. Crossings and distances use different
+ * algorithms. Released parts are left out, because tissue may overlap them. Errors: MEMORY (out is not written). */
 pliant_status pliant_advance_audit(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                    const double *positions, int32_t count, const pliant_advance_part *parts,
                                    int num_threads, pliant_advance_audit_result *out);
 
 /* ---- tissue on tissue */
 
-/* Pairs of a node and a triangle, and of two edges, of the surface. Pairs that share a node are left out. */
+/* Pairs of a node and a triangle, and pairs of edges, of the surface. Pairs with a common node are left out. */
 typedef struct pliant_advance_self {
     double thickness; /* replaces the guard in the rule [m] */
     const int32_t
@@ -97,20 +97,20 @@ typedef struct pliant_advance_self_result {
     double t;        /* fraction of the leg, 0 to 1 */
     int32_t node[4]; /* the pair that limits t: a node and a triangle's, or two edges'; -1: none */
     bool is_edges;
-    int32_t pairs; /* pairs that the broad phase left */
+    int32_t pairs; /* number of pairs after the broad phase */
     int64_t distances;
 } pliant_advance_self_result;
 
-/* The largest fraction of a leg that keeps the surface from passing through itself; otherwise as pliant_advance_find.
- * Errors: MEMORY (out is not written) */
+/* Compute the largest fraction of a leg in which the surface does not pass through itself. Otherwise as
+ * pliant_advance_find. Errors: MEMORY (out is not written). */
 pliant_status pliant_advance_find_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                        const double *from, const double *to, const pliant_advance_self *self,
                                        int num_threads, pliant_advance_self_result *out);
 
 typedef struct pliant_advance_self_audit {
-    double least;      /* smallest distance of pairs nearer than the thickness; INFINITY: none is [m] */
-    int32_t crossings; /* edges that pass through triangles, by other code than distances */
-    int32_t node[5];   /* edge and triangle of one of them; -1: none */
+    double least;      /* smallest distance of pairs nearer than the thickness; INFINITY: there is no such pair [m] */
+    int32_t crossings; /* number of edges that pass through triangles, by another algorithm than the distances */
+    int32_t node[5];   /* edge and triangle of one crossing; -1: none */
 } pliant_advance_self_audit;
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                         const double *positions, const pliant_advance_self *self, int num_threads,

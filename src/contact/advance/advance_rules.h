@@ -21,16 +21,16 @@ PLIANT_INLINE void pliant_advance_cross(const double *a, const double *b, double
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* How near a pair may come in a leg that it begins at a distance. A pair whose distance stays above this limit does not
- * shorten the leg. */
+/* Return the smallest distance that a pair may reach in a leg, from its distance at the start. A pair that stays
+ * above this limit does not shorten the leg. */
 PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
-    const double slack = 1e-12; /* rounding does not block tissue that moves with a part [m] */
+    const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
                 fmin(settings->advance_floor * guard, distance - slack));
 }
 
-/* The largest s for which distance + rate s - bend s^2 / 2 is not below 0 anywhere in [0, s]; bend >= 0. */
+/* Return the largest s for which distance + rate s - bend s^2 / 2 is not negative anywhere in [0, s]; bend >= 0. */
 PLIANT_INLINE double pliant_advance_time(double distance, double rate, double bend)
 {
     if (distance < 0.0) return 0.0;
@@ -40,7 +40,8 @@ PLIANT_INLINE double pliant_advance_time(double distance, double rate, double be
     return 2.0 * distance / (root - rate);
 }
 
-/* Closest points of two segments, as fractions of them (Ericson, Real-Time Collision Detection, 2005, 5.1.9). */
+/* Compute the closest points of two segments, as fractions of them (Ericson, Real-Time Collision Detection, 2005,
+ * 5.1.9). */
 PLIANT_INLINE void pliant_advance_segments(const double p[2][3], const double q[2][3], double *s, double *t)
 {
     double d[3], e[3], r[3];
@@ -103,8 +104,7 @@ PLIANT_INLINE void pliant_advance_mix(const double corner[3][3], const double we
     for (int i = 0; i < 3; i++) out[i] = weight[0] * corner[0][i] + weight[1] * corner[1][i] + weight[2] * corner[2][i];
 }
 
-/* Weights of the point of a triangle that is closest to a segment, if the segment does not pass through the triangle.
- */
+/* Compute the weights of the point of a triangle closest to a segment that does not pass through the triangle. */
 PLIANT_INLINE void pliant_advance_near_segment(const double corner[3][3], const double end[2][3], double weight[3])
 {
     double best = (double)INFINITY;

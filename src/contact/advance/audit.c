@@ -1,5 +1,5 @@
-/* Whether the surface and the cores overlap, by code that shares no closest points with the advancement: a convex
- * function on a segment by ternary search, and segments that pass through triangles by signed volumes. */
+/* Check whether the surface and the cores overlap. The algorithms differ from those of the advancement: ternary
+ * search of a convex function on a segment, and signed volumes for segments that pass through triangles. */
 #include "contact/advance/near.h"
 
 #include "base/threads.h"
@@ -38,7 +38,7 @@ static bool enters(const pliant_part *core, const double end[2][3])
     return least < 0;
 }
 
-/* The axis of a capsule, or the edges of a box. */
+/* Return whether the axis of a capsule, or an edge of a box, passes through a triangle. */
 static bool passes_through(const pliant_part *core, const double corner[3][3])
 {
     double end[2][3];

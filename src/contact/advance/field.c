@@ -19,10 +19,10 @@ enum {
     MOST_ALONG = 5 /* points along an axis */
 };
 static const double steepest = 1.7320508; /* slope of a field between its points: at most 1 along each axis */
-static const double enough = 0.9;         /* of the lowest distance found */
-static const double smallest = 1e-4;      /* of a cell: nearer distances are not resolved */
-static const double close_time = 0.02;    /* of the time gained: times that differ by less count as one */
-static const double close_start = 1e-5;   /* and so much more, of a leg */
+static const double enough = 0.9;         /* fraction of the lowest distance found */
+static const double smallest = 1e-4;      /* fraction of a cell: smaller distances are not resolved */
+static const double close_time = 0.02;    /* fraction of the gained time: times that differ by less count as equal */
+static const double close_start = 1e-5;   /* additional tolerance, as a fraction of a leg */
 
 /* A piece of the triangle, by the weights of its corners, during a part of the time. */
 typedef struct piece {
@@ -83,8 +83,8 @@ static double by_way(const pliant_part *core, const region *of, double distance)
     return distance - (is_inside_grid(core, of->middle) ? steepest : 1) * of->radius;
 }
 
-/* Coordinates of a box along an axis: its ends, and grid points between them, clipped to the grid. 0: too many, or none
- * is in the grid */
+/* List the coordinates of a box along an axis: its ends and the grid points between them, clipped to the grid.
+ * Return 0 if there are too many, or if the box is outside the grid. */
 static int list_along(const pliant_part *core, const region *of, int d, double out[MOST_ALONG])
 {
     const pliant_solid *solid = core->solid;

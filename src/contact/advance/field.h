@@ -4,17 +4,17 @@
 
 #include "contact/advance/motion.h"
 
-/* Positions of a triangle's corners through a leg. */
+/* Positions of a triangle's corners during a leg. */
 typedef struct pliant_advance_triangle {
     double from[3][3], rate[3][3];
 } pliant_advance_triangle;
 
-/* Lower bound of the field's smallest value on a triangle in the part's frame [m]. It is at most 0 if the triangle
- * enters the part. Otherwise it is at least nine tenths of the distance, less a ten thousandth of a cell, or at least
- * `far`. Adds the field's evaluations to *distances. */
+/* Return a lower bound of the field's smallest value on a triangle in the part's frame [m]. It is at most 0 if the
+ * triangle enters the part. Otherwise it is at least `far`, or nine tenths of the distance minus a ten thousandth
+ * of a cell. The number of evaluations is added to *distances. */
 double pliant_field_least(const pliant_part *core, const double corner[3][3], double far, int64_t *distances);
 
-/* A time until which the distance stays at least `limit`, from t on. */
+/* Return a time, starting from t, up to which the distance stays at least `limit`. */
 double pliant_field_free(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle, double t,
                          double limit, int64_t *distances);
 

@@ -25,8 +25,8 @@ double pliant_advance_guard(const pliant_contact_settings *settings, const plian
                 fmin(settings->guard_of_part * pliant_part_depth(part), settings->guard_of_cell * smallest_cell));
 }
 
-/* The signed distance from the result is at most that from the part plus the guard, and equal to it around shapes
- * without edges. */
+/* Return the core. Its signed distance is at most the part's distance plus the guard depth, with equality for
+ * shapes without edges. */
 static pliant_part core_of(const pliant_part *part, double guard)
 {
     pliant_part core = *part;
@@ -47,7 +47,7 @@ static pliant_part core_of(const pliant_part *part, double guard)
     return core;
 }
 
-/* Rotation vector of the shorter way between two rotations. */
+/* Compute the rotation vector of the shorter rotation between two orientations. */
 static void find_turn(const double from[4], const double to[4], double out[3])
 {
     const double smallest = 1e-9; /* half angle below which pliant_rotation_between does not turn [rad] */
@@ -55,14 +55,15 @@ static void find_turn(const double from[4], const double to[4], double out[3])
     for (int d = 0; d < 4; d++) w += from[d] * to[d];
     for (int d = 0; d < 4; d++) sizes += from[d] * from[d];
     pliant_advance_cross(from, to, cross);
-    for (int d = 0; d < 3; d++) out[d] = from[3] * to[d] - to[3] * from[d] + cross[d]; /* of to * conjugate(from) */
+    /* vector part of to * conjugate(from) */
+    for (int d = 0; d < 3; d++) out[d] = from[3] * to[d] - to[3] * from[d] + cross[d];
     const double sine = pliant_advance_length(out), half = atan2(sine, fabs(w));
     const double scale = sizes > 0 && half > smallest ? copysign(2 * half / sine, w) : 0;
     for (int d = 0; d < 3; d++) out[d] *= scale;
 }
 
-/* Boxes at equal intervals; between two of them a point leaves its chord by at most bend / 8 times the interval's
- * square. */
+/* Compute the box around the motion, from boxes at equal intervals. Between two of them a point leaves its chord by
+ * at most bend / 8 times the square of the interval. */
 static void find_box(pliant_advance_motion *motion)
 {
     const double interval = 0.25; /* [rad] */
@@ -140,8 +141,8 @@ void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const p
     for (int d = 0; d < 3; d++) out[d] = motion->tip_rate[d] + by_tool[d] + motion->jaw * by_jaw[d];
 }
 
-/* The acceleration is the sum of w x (w x r), 2 w x (j x q) and j x (j x q). w and j are the angular velocities of
- * tool and jaw; r is from the tip and q from the joint. The jaw moves r by at most |j| |q|. */
+/* The acceleration is the sum of w x (w x r), 2 w x (j x q) and j x (j x q). The angular velocity is w for the tool
+ * and j for the jaw. The vector r starts at the tip and q at the joint. The jaw moves r by at most |j| |q|. */
 double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                   const double x[3])
 {

@@ -1,4 +1,4 @@
-/* The motion of a part's core through a leg, and bounds of it. */
+/* The motion of a part's core during a leg, and bounds of it. */
 #ifndef PLIANT_CONTACT_ADVANCE_MOTION_H
 #define PLIANT_CONTACT_ADVANCE_MOTION_H
 
@@ -13,11 +13,11 @@ typedef struct pliant_advance_state {
 
 enum { PLIANT_ADVANCE_INTERVALS = 4 };
 
-/* Vectors are in the scan's axes unless they say otherwise; rates are per leg. */
+/* Vectors are in the scan's axes unless noted; rates are per leg. */
 typedef struct pliant_advance_motion {
     const pliant_advance_part *leg;
-    bool still;              /* it stays in its first pose */
-    pliant_part core;        /* the part, smaller by the guard */
+    bool still;              /* the part stays at its first pose */
+    pliant_part core;        /* the part, reduced by the guard depth */
     double tip_rate[3];      /* of the tip [m] */
     double turn_rate[3];     /* rotation vector of the tool [rad] */
     double turn, jaw;        /* length of turn_rate; rate of the part's frame about the joint, with its sign [rad] */
@@ -25,20 +25,20 @@ typedef struct pliant_advance_motion {
     double reach, jaw_reach; /* largest distance of a point of the core from the tip, from the joint [m] */
     double bend;             /* largest acceleration of a point of the core [m] */
     double low[3], high[3];  /* box around the core throughout the leg */
-    double speed;            /* largest of a point of the core, apart from the tip's [m] */
-    pliant_advance_state at[1 + PLIANT_ADVANCE_INTERVALS]; /* at 1/2, and at the middles of equal intervals */
+    double speed;            /* largest speed of a point of the core relative to the tip [m] */
+    pliant_advance_state at[1 + PLIANT_ADVANCE_INTERVALS]; /* states at 1/2, and at the middles of equal intervals */
 } pliant_advance_motion;
 
-/* @param still the part stays in its first pose */
+/* Initialize the motion. still: the part stays at its first pose */
 void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out);
 void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pliant_advance_state *out);
-/* Velocity of the point of the part that lies at x. */
+/* Compute the velocity of the part's point at x. */
 void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                     const double x[3], double out[3]);
-/* Return a bound of the acceleration of that point of the part from this time on. */
+/* Return a bound of the acceleration of the part's point at x, from this time on. */
 double pliant_advance_motion_bend(const pliant_advance_motion *motion, const pliant_advance_state *state,
                                   const double x[3]);
-/* Angular velocity of the part. */
+/* Compute the angular velocity of the part. */
 void pliant_advance_motion_turn(const pliant_advance_motion *motion, const pliant_advance_state *state, double out[3]);
 
 #endif

@@ -57,7 +57,7 @@ static bool comes_before(const pliant_advance_rank *a, const pliant_advance_rank
     return a->t != b->t ? a->t < b->t : a->pair < b->pair;
 }
 
-/* Shell, A high-speed sorting procedure, Commun. ACM 2(7), 1959. */
+/* Shell sort (Shell, A high-speed sorting procedure, Commun. ACM 2(7), 1959). */
 void pliant_advance_sort(int32_t count, pliant_advance_rank *rank)
 {
     for (int32_t gap = count / 2; gap > 0; gap /= 2)
@@ -78,7 +78,7 @@ static bool is_apart(const box *a, const double low[3], const double high[3], do
     return apart;
 }
 
-/* Half-spaces have no box: a triangle is near if its box is. */
+/* Half-spaces have no box; a triangle is near if its box is near the plane. */
 static bool is_above(const box *a, const pliant_part *half_space, double margin)
 {
     const double size = pliant_advance_length(half_space->to);

@@ -1,18 +1,18 @@
-/* The broad phase: pairs of triangles and parts that may come near each other during a leg. */
+/* Broad phase: find the pairs of triangles and parts that can come near each other during a leg. */
 #ifndef PLIANT_CONTACT_ADVANCE_NEAR_H
 #define PLIANT_CONTACT_ADVANCE_NEAR_H
 
 #include "contact/advance/pair.h"
 #include "contact/advance/tree.h"
 
-/* A node and a triangle, or two edges. */
+/* Pair of a node and a triangle, or of two edges. */
 typedef struct pliant_advance_self_pair {
     int32_t node[4], iterations;
     bool is_edges, ends; /* ends: t can increase no further */
-    double t, limit;     /* the fraction that is known to be free; the smallest distance that it may have [m] */
+    double t, limit;     /* fraction that is certainly free; smallest permitted distance [m] */
 } pliant_advance_self_pair;
 
-/* A pair, and the fraction that is known to be free. */
+/* A pair, and the fraction that is certainly free. */
 typedef struct pliant_advance_rank {
     double t;
     int32_t pair;
@@ -33,17 +33,18 @@ struct pliant_advance {
     pliant_advance_tree tree;
 };
 
-/* Capacity for so many ranks. Errors: MEMORY */
+/* Grow the capacity for ranks. Errors: MEMORY. */
 pliant_status pliant_advance_reserve_ranks(pliant_advance *advance, int32_t count);
-/* In ascending order of fractions, then of pairs: the first ones shorten the leg for the others. */
+/* Sort by fraction, then by pair: the first pairs shorten the leg for the others. */
 void pliant_advance_sort(int32_t count, pliant_advance_rank *rank);
 
-/* Whether a segment passes through a triangle, by signed volumes. */
+/* Return whether a segment passes through a triangle, by signed volumes. */
 bool pliant_advance_passes(const double corner[3][3], const double end[2][3]);
 
-/* Fill motion and pair with all pairs whose core distance may fall to `margin` or below during the leg; held triangles
+/* Fill motion and pair with all pairs whose core distance can reach `margin` or less during the leg. Held triangles
  * are left out.
- * @param still parts stay in their first poses. Errors: MEMORY */
+ * @param still parts stay at their first poses
+ * Errors: MEMORY. */
 pliant_status pliant_advance_near(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                   const double *from, const double *to, int32_t count, const pliant_advance_part *parts,
                                   double margin, bool still, int num_threads);

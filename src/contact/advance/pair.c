@@ -97,8 +97,8 @@ static void find_turn(const moment *now, double out[3], double *speed, double *b
     *bend = *speed * (fabs(roll) + *speed);
 }
 
-/* h = normal . (x - point) + offset of a corner, whose second derivative is normal''. (x - point) + 2 normal'. (x -
- * point)' + normal . (x - point)'' */
+/* Return the free time by the turning plane. The height of a corner is h = normal . (x - point) + offset. Its
+ * second derivative is normal''. (x - point) + 2 normal'. (x - point)' + normal . (x - point)''. */
 static double turning_plane(const moment *now)
 {
     const double accelerated = pliant_advance_motion_bend(now->motion, &now->state, now->point);
@@ -115,7 +115,7 @@ static double turning_plane(const moment *now)
         const double length = pliant_advance_length(apart), fast = pliant_advance_length(rate);
         double within = now->left, reached = 0;
         for (int round = 0; round < 3 && reached < within && within > 0;
-             round++) { /* over a shorter time the bound is sharper */
+             round++) { /* the bound is sharper over a shorter time */
             const double fastest = fast + accelerated * within;
             const double curve = bend * (length + fastest * within) + 2 * speed * fastest + accelerated;
             reached = fmax(reached, fmin(within, pliant_advance_time(now->cut.at[c] - now->limit, slope, curve)));
@@ -126,7 +126,7 @@ static double turning_plane(const moment *now)
     return step;
 }
 
-/* Points whose convex hull, grown by the core's radius, holds the core. */
+/* Return the number of points whose convex hull, enlarged by the core's radius, contains the core. */
 static int32_t count_points(const pliant_part *core)
 {
     if (core->kind == PLIANT_PART_SPHERE) return 1;

@@ -1,4 +1,4 @@
-/* One triangle and one part through a leg. */
+/* One triangle and one part during a leg. */
 #ifndef PLIANT_CONTACT_ADVANCE_PAIR_H
 #define PLIANT_CONTACT_ADVANCE_PAIR_H
 
@@ -9,17 +9,18 @@ typedef struct pliant_advance_pair {
     bool exempt; /* it overlaps a released part */
     bool ends;   /* t can increase no further */
     int32_t iterations;
-    double t;         /* fraction that is known to be free */
-    double limit;     /* smallest distance that it may have [m] */
-    double weight[3]; /* of the triangle's corners: where the search for the smallest distance begins */
+    double t;         /* fraction that is certainly free */
+    double limit;     /* smallest permitted distance [m] */
+    double weight[3]; /* weights of the triangle's corners at which the search for the smallest distance starts */
 } pliant_advance_pair;
 
 void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
                                   pliant_advance_triangle *out);
-/* Lower bound of the core distance at a fraction of the leg [m]. Adds the distances evaluated to *distances. */
+/* Return a lower bound of the core distance at a fraction of the leg [m]. The number of distances evaluated is
+ * added to *distances. */
 double pliant_advance_pair_distance(const pliant_advance_motion *motion, const pliant_advance_triangle *triangle,
                                     double t, double weight[3], int64_t *distances);
-/* Increase pair->t by one iteration. true: it reached 1, or it can increase no further. */
+/* Increase pair->t by one iteration. Return true if it reached 1, or if it cannot increase further. */
 bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pliant_advance_motion *motion,
                               const pliant_advance_triangle *triangle, pliant_advance_pair *pair, int64_t *distances);
 

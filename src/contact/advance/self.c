@@ -202,7 +202,7 @@ static void try_leaves(search *on, const couple *at, pliant_advance_self_audit *
 /* Visit all pairs of branches whose boxes are near, from the root down. */
 static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
 {
-    enum { MOST_OPEN = 512 }; /* three for each level of both branches, which are halved */
+    enum { MOST_OPEN = 512 }; /* three for each level of both branches */
     const pliant_advance_tree *tree = &on->advance->tree;
     couple open[MOST_OPEN];
     int depth = 0;
@@ -231,11 +231,11 @@ static pliant_status find_pairs(search *on, pliant_advance_self_audit *audit)
 
 /* ---- one pair */
 
-/* A pair at one time: positions from its first node's start, and the plane between its closest points. */
+/* A pair at one time: positions relative to its first node's start, and the plane between its closest points. */
 typedef struct moment {
     double x[4][3], normal[3];
-    double height[4]; /* over the plane's direction */
-    double distance;  /* a lower bound, which is sharp [m] */
+    double height[4]; /* along the plane's normal */
+    double distance;  /* sharp lower bound [m] */
 } moment;
 
 static void look(const search *on, const pliant_advance_self_pair *pair, double t, moment *out)
@@ -296,7 +296,7 @@ static double step_of(const search *on, const pliant_advance_self_pair *pair, co
     return pliant_advance_upper(plane, speed > 0 ? (now->distance - pair->limit) / speed : INFINITY);
 }
 
-/* One iteration; as pliant_advance_pair_step. */
+/* Make one iteration, as pliant_advance_pair_step. */
 static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *distances)
 {
     const double left = 1 - pair->t;

@@ -1,5 +1,5 @@
-/* A tree of boxes around the surface's triangles through a leg. Its structure stays until the triangles change; its
- * boxes are computed for each leg. */
+/* Tree of boxes around the surface's triangles during a leg. Its structure stays until the triangles change; its
+ * boxes are recomputed for each leg. */
 #ifndef PLIANT_CONTACT_ADVANCE_TREE_H
 #define PLIANT_CONTACT_ADVANCE_TREE_H
 
@@ -10,17 +10,18 @@ typedef struct pliant_advance_box {
     double low[3], high[3];
 } pliant_advance_box;
 
-enum { PLIANT_OWNS_NODE = 1, PLIANT_OWNS_EDGE = 8 }; /* shifted by 0, 1 or 2; edge k joins the corners k and k + 1 */
+/* bits, shifted by 0, 1 or 2; edge k joins the corners k and k + 1 */
+enum { PLIANT_OWNS_NODE = 1, PLIANT_OWNS_EDGE = 8 };
 
 typedef struct pliant_advance_branch {
     int32_t first, count; /* triangles in order */
-    int32_t child;        /* first of two; a leaf: -1 */
+    int32_t child;        /* first of two children; leaf: -1 */
 } pliant_advance_branch;
 
 typedef struct pliant_advance_tree {
     int32_t num_triangles, num_branches, max_triangles;
-    int32_t *triangles;            /* (num_triangles x 3) as they were when the tree was built */
-    uint8_t *owns;                 /* (num_triangles) each node and each edge of the surface belongs to one triangle */
+    int32_t *triangles;            /* (num_triangles x 3) triangles for which the tree was built */
+    uint8_t *owns; /* (num_triangles) bits of the nodes and edges that the triangle owns; each has one owner */
     int32_t *order;                /* (num_triangles) */
     pliant_advance_branch *branch; /* (num_branches) parents before children */
     pliant_advance_box *box;       /* (num_triangles) in order */

@@ -14,19 +14,19 @@ extern "C" {
 /* A rigid body in contact during a step. It is a detached piece (fem/rigid), linearized around its estimated motion, or
  * the proxy of a tool (sim/step/proxy.h), linearized around its target. Only its coupling moves the proxy. */
 typedef struct pliant_touch_piece {
-    double centre[3];      /* centre of mass at the start of the step [m] */
-    double free[6];        /* translation, and rotation about the centre, without contact [m, rad] */
+    double centre[3];      /* center of mass at the start of the step [m] */
+    double free[6];        /* translation, and rotation about the center, without contact [m, rad] */
     double ahead[6];       /* estimated translation and rotation; initially equal to `free` [m, rad] */
-    double answer[36];     /* motion per force and torque about the centre [m/N, rad/(N m)] */
+    double answer[36];     /* motion per force and torque about the center [m/N, rad/(N m)] */
     double young, size;    /* Young's modulus of its tissue [Pa], and cube root of its volume [m]: they set the contact
                             * compliance */
     int32_t num_young;     /* number of tetrahedra in the mean of young */
 } pliant_touch_piece;
 
-/* Relation of a contact point to a piece: positions of its nodes relative to the piece's centre, multiplied by the
- * weights. */
+/* Relation of a contact point to a rigid body: positions of its nodes relative to the body's center, multiplied by
+ * the weights. */
 typedef struct pliant_touch_arm {
-    int32_t moving; /* index of the piece */
+    int32_t moving; /* index in pliant_touches.moving */
     double weight, arm[3];
 } pliant_touch_arm;
 

@@ -1,4 +1,4 @@
-/* A state given from outside. */
+/* Set positions from outside. */
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "fem/rigid/falling.h"

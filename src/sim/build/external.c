@@ -1,4 +1,4 @@
-/* The fine mesh of a file. */
+/* Read the fine mesh from a file. */
 #include "sim/build/external.h"
 
 #include "base/fail.h"
@@ -27,7 +27,7 @@ pliant_status pliant_external_check(const pliant_scene *scene)
     return other ? pliant_fail(PLIANT_ERROR_SCENE, "mesh/file does not go with %s, or leave mesh/file empty", other) : PLIANT_OK;
 }
 
-/* The material of a region: by its name, then by its number as a label. -1: none */
+/* Return the material of a region, by its name, otherwise by its number as a label. -1: none */
 static int material_of(const pliant_material_table *table, const mesh_file *file, int64_t number, const char **name)
 {
     pliant_label_segment segment = {0};
@@ -40,7 +40,8 @@ static int material_of(const pliant_material_table *table, const mesh_file *file
     return pliant_material_of_segment(table, &segment);
 }
 
-/* Materials by regions, each looked up once. Errors: MATERIAL, with all regions that have none. */
+/* Assign materials by regions; each region is looked up once. Errors: MATERIAL, with all regions that have no
+ * material. */
 static pliant_status by_regions(const char *path, const pliant_material_table *table, const mesh_file *file, uint8_t *material)
 {
     static const size_t room = 1024;
@@ -69,7 +70,7 @@ static pliant_status by_regions(const char *path, const pliant_material_table *t
                        path, missing);
 }
 
-/* Materials by the scan: the most frequent one at the centre and halfway to the corners. */
+/* Assign materials by the scan: the most frequent material at the center and halfway to the corners. */
 static void by_scan(const pliant_model *model, const mesh_file *file, uint8_t *material)
 {
     const pliant_geometry *scan = &model->scan->geometry;
@@ -94,7 +95,7 @@ static void by_scan(const pliant_model *model, const mesh_file *file, uint8_t *m
     }
 }
 
-/* Regions replace the scan: all nodes of a fixed region are fixed, and nodes in the scan's bone are not. */
+/* Regions replace the scan: all nodes of a fixed region are fixed, and the scan's bone fixes no nodes. */
 static pliant_status place_nodes(const pliant_model *model, pliant_mesh *mesh, const pliant_tet_material *materials)
 {
     mesh->place_of_node = pliant_calloc((size_t)mesh->num_nodes, 1); /* PLIANT_BONE_OUTSIDE */

@@ -1,4 +1,4 @@
-/* The fine mesh of a file (mesh/file). */
+/* Read the fine mesh from a file (mesh/file). */
 #ifndef PLIANT_SIM_BUILD_EXTERNAL_H
 #define PLIANT_SIM_BUILD_EXTERNAL_H
 

@@ -14,9 +14,9 @@ extern "C" {
 /** One field: `count` consecutive numbers of one kind. */
 typedef struct pliant_field_layout {
     const char *of, *name; /**< "pliant_body", "fine.rest" */
-    char kind;             /**< d double, f float, i int32_t or an enumeration, I uint32_t, Q uint64_t, H uint16_t, B uint8_t, ? bool, N size_t,
-                            *   P pointer, s text that ends with 0, x a struct of its own
-                            *   (Python's struct module calls them so) */
+    /** kind, as in Python's struct module: d double, f float, i int32_t or an enumeration, I uint32_t, Q uint64_t, H
+     * uint16_t, B uint8_t, ? bool, N size_t, P pointer, s zero-terminated text; in addition x: a struct */
+    char kind;
     size_t offset, count;  /**< offset [bytes]; number of values */
 } pliant_field_layout;
 

@@ -68,8 +68,8 @@ static pliant_status classify(builder *build)
     return status == PLIANT_OK && model->scene.warp.hide_empty ? hide_empty(model) : status;
 }
 
-/* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its submesh, so it
- * keeps all that lie in a coarse tetrahedron with tissue. */
+/* Keep fine tetrahedra with tissue. The paper's condensation needs every corner of a coarse tetrahedron in its
+ * submesh. It therefore keeps all fine tetrahedra in a coarse tetrahedron with tissue. */
 static pliant_status cut_up(builder *build)
 {
     pliant_model *model = build->model;

@@ -37,7 +37,7 @@ static void describe(saved *what)
 
 /* --- .vtu --- */
 
-/* The arrays of a file of the mesh. */
+/* Arrays for a file of the mesh. */
 typedef struct mesh_arrays {
     double *place, *rest;      /* (nodes x 3) */
     float *displacement, *force; /* (nodes x 3) */
@@ -47,7 +47,7 @@ typedef struct mesh_arrays {
     int32_t *fragment, *piece; /* (cells) */
     uint16_t *material;        /* (cells) */
     float *fraction, *von_mises; /* (cells) */
-    float *stress, *strain;    /* (tetrahedra x 9) at first, then (cells x 9) */
+    float *stress, *strain;    /* (tetrahedra x 9), later (cells x 9) */
     size_t cells, corners;
 } mesh_arrays;
 
@@ -165,7 +165,8 @@ static pliant_status save_mesh(const saved *what)
                                 {VTK_CELL_DATA, "stress", VTK_FLOAT32, 9, a.cells, a.stress},
                                 {VTK_CELL_DATA, "von_mises", VTK_FLOAT32, 1, a.cells, a.von_mises},
                                 {VTK_CELL_DATA, "strain", VTK_FLOAT32, 9, a.cells, a.strain},
-                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, nodes, a.force}}; /* the last one: it may be missing */
+                                /* last, because it may be missing */
+                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, nodes, a.force}};
     const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
     if (status == PLIANT_OK) status = pliant_vtk_write(what->path, false, what->comment, nodes, a.cells, arrays, num_arrays);
     free_arrays(&a);
@@ -174,7 +175,7 @@ static pliant_status save_mesh(const saved *what)
 
 /* --- .vtp and .ply --- */
 
-/* The arrays of a file of the surface. */
+/* Arrays for a file of the surface. */
 typedef struct surface_arrays {
     double *place, *rest;        /* (rows x 3) */
     float *displacement, *force; /* (rows x 3) */
@@ -238,7 +239,8 @@ static pliant_status save_surface(const saved *what, const pliant_surface *surfa
                                 {VTK_POINT_DATA, "displacement", VTK_FLOAT32, 3, rows, a.displacement},
                                 {VTK_POINT_DATA, "material", VTK_UINT16, 1, rows, a.material},
                                 {VTK_CELL_DATA, "cut", VTK_UINT8, 1, triangles, a.cut},
-                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, rows, a.force}}; /* the last one: it may be missing */
+                                /* last, because it may be missing */
+                                {VTK_POINT_DATA, "contact_force", VTK_FLOAT32, 3, rows, a.force}};
     const int num_arrays = (int)(sizeof arrays / sizeof *arrays) - !what->contact_forces;
     if (status == PLIANT_OK) status = pliant_vtk_write(what->path, true, what->comment, rows, triangles, arrays, num_arrays);
     void *const blocks[] = {a.place, a.rest, a.displacement, a.force, a.material, a.corner, a.offset, a.cut};

@@ -16,12 +16,13 @@ typedef struct spare { int32_t room, *held; double *weight; } spare;
 struct pliant_rollback {
     pliant_state state;
     bool begun;       /* in this step */
-    bool opened;      /* it was the first step after a cut (pliant_solver.opened) */
-    bool has_tissue;  /* the arrays of the tissue are in it */
+    bool opened;      /* the step was the first one after a cut (pliant_solver.opened) */
+    bool has_tissue;  /* the state contains the arrays of the tissue */
     spare spare[PLIANT_MAX_TOOLS];
 };
 
-/* A GPU's step leaves the host's arrays alone until it ends, unless the host moves nodes itself or contact needs their positions. */
+/* Return whether a step may change the host's arrays. A GPU step does not before its end, unless the host moves
+ * nodes itself or contact needs their positions. */
 static bool may_change(const pliant_data *data)
 {
     return data->backend->on_host || (data->solver && (pliant_host_moves(data) || data->contact_search));

@@ -1,6 +1,6 @@
-/* The simulation state (pliant/state.h). All else in pliant_data is the model, the topology, or a buffer.
- * A GPU's step ends with its positions on the host. One implementation therefore serves both backends: a GPU reads a restored state by its restart
- * (backend/backend.h). */
+/* The simulation state (pliant/state.h). All other data in pliant_data are the model, the topology, or buffers. A
+ * GPU step ends with its positions on the host. Therefore one implementation serves both backends: a GPU reads a
+ * restored state when it restarts (backend/backend.h). */
 #ifndef PLIANT_SIM_STATE_H
 #define PLIANT_SIM_STATE_H
 
@@ -13,9 +13,9 @@
 extern "C" {
 #endif
 
-/* Arrays of the state. An array that a simulation does not need is empty. Their sizes:
- * - fine nodes, pieces, piece nodes, joints: of the body
- * - solved nodes: of the mesh that is solved
+/* Arrays of the state. An array that a simulation does not need is empty. Sizes:
+ * - fine nodes, pieces, piece nodes, joints: as in the topology
+ * - solved nodes: nodes of the solved mesh
  * - blocks: LANES elements each (pliant_tled_blocks)
  * - held nodes, edge points: of all tools, one tool after the other */
 #define PLIANT_STATE_ARRAYS(X)                                                                                              \
@@ -40,18 +40,18 @@ extern "C" {
     X(const pliant_body *, undo) /* topologies before cuts, the latest last; each retained */
 
 typedef struct pliant_state_contact {
-    pliant_contacts points;        /* of the last step: forces [N], anchors [m], whether they have begun */
-    pliant_contact_search *search; /* Nullable: memory of the contact search */
+    pliant_contacts points;        /* of the last step: forces [N], anchors [m], contact flags */
+    pliant_contact_search *search; /* Nullable: data that the search keeps between steps */
 } pliant_state_contact;
 
-/* Explicit dynamics, with the arrays above. */
+/* Explicit dynamics, in addition to the arrays above. */
 typedef struct pliant_state_dynamics {
-    int32_t substeps, halvings;  /* in a step; number of halvings */
+    int32_t substeps, halvings;  /* number of sub-steps in a step; number of halvings of the sub-step */
     double time_step;            /* of a sub-step [s] */
-    double target[PLIANT_MAX_TOOLS][3];        /* where held points are pulled to [m] */
-    double passed[PLIANT_MAX_TOOLS][3];        /* where held points were one sub-step before the last [m] */
-    double passed_target[PLIANT_MAX_TOOLS][3]; /* their targets then [m] */
-    double passed_step;          /* time between that and the last sub-step [s] */
+    double target[PLIANT_MAX_TOOLS][3];        /* targets of grasped points [m] */
+    double passed[PLIANT_MAX_TOOLS][3];        /* grasped points, one sub-step before the last one [m] */
+    double passed_target[PLIANT_MAX_TOOLS][3]; /* their targets at that time [m] */
+    double passed_step;          /* time between that sub-step and the last one [s] */
     double quotient[4];          /* dynamic relaxation: pliant_substep_frequency */
 } pliant_state_dynamics;
 
@@ -59,25 +59,26 @@ struct pliant_state {
     /* MODEL, TOPOLOGY */
     const pliant_model *model;   /* of the simulation that was saved, borrowed */
     const pliant_body *body;     /* retained; NULL: nothing is saved */
-    uint64_t last_revision;      /* highest of a body so far */
+    uint64_t last_revision;      /* highest revision of a topology so far */
     int undo_tool;               /* as in pliant_undo */
     uint64_t undo_stroke;
     bool undo_told;
     /* INPUT */
     double gravity[3];           /* LPS [m/s^2] */
-    int iterations;              /* at most, in a step */
-    double tolerance;            /* of the largest displacement */
+    int iterations;              /* maximum number per step */
+    double tolerance;            /* tolerance, relative to the largest displacement */
     pliant_background_kind background;
-    /* TOOLS: input pose, pose of the last step, grasp, blade, forces [pliant_tool]. Their arrays are those below; shapes are retained */
+    /* TOOLS: input pose, pose of the last step, grasp, blade, forces [pliant_tool]. Their arrays are listed above;
+     * shapes are retained. */
     int num_tools;
     pliant_tool tools[PLIANT_MAX_TOOLS];
-    double grasp_force[PLIANT_MAX_TOOLS][3]; /* of the solver's springs, which the next step begins with [N] */
+    double grasp_force[PLIANT_MAX_TOOLS][3]; /* forces of the solver's springs at the start of the next step [N] */
     /* CONTACT: the second one is a buffer */
     pliant_state_contact contact[2];
     /* TISSUE */
     pliant_state_dynamics dynamics;
-    double pieces_gravity[3];    /* of the last step of rigid pieces [m/s^2] */
-    bool pieces_told;            /* that one has left the volume that is drawn */
+    double pieces_gravity[3];    /* gravity in the last step of rigid pieces [m/s^2] */
+    bool pieces_told;            /* the log has reported that a piece left the drawn volume */
     pliant_statistics statistics;
 #define PLIANT_STATE_ARRAY(type, name) struct { type *at; size_t count, room; } name;
     PLIANT_STATE_ARRAYS(PLIANT_STATE_ARRAY)
@@ -86,25 +87,28 @@ struct pliant_state {
 
 /* ---- state_arrays.c: copies between a state and a simulation of the same topology */
 typedef enum pliant_state_way { PLIANT_STATE_RESERVE, PLIANT_STATE_SAVE, PLIANT_STATE_COMPARE, PLIANT_STATE_RESTORE } pliant_state_way;
-/* RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE copies to the state. COMPARE compares sizes. RESTORE copies to the
- * simulation, but no arrays of tools. Return false when RESERVE is out of memory, and when COMPARE finds another size. The caller handles the undo array.
- * tissue: false: arrays of tools alone */
+/* Transfer the arrays. RESERVE grows the state's arrays to the simulation's sizes and keeps their contents. SAVE
+ * copies to the state. COMPARE compares sizes. RESTORE copies to the simulation, except arrays of tools. Return
+ * false when RESERVE is out of memory, and when COMPARE finds another size. The caller handles the undo array.
+ * @param tissue false: arrays of tools only */
 bool pliant_state_arrays(pliant_state *state, pliant_data *data, bool tissue, pliant_state_way way);
-/* Capacity for so many topologies to undo. false: out of memory */
+/* Grow the capacity for topologies to undo. Return false if out of memory. */
 bool pliant_state_reserve_undo(pliant_state *state, size_t count);
-/* The arrays of a tool's grasp and blade: from the state to these of the same counts. */
+/* Copy the arrays of a tool's grasp and blade from the state to arrays of the same sizes. */
 void pliant_state_grasp(const pliant_state *state, int tool, int32_t *held, double *weight);
 void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge);
-/* Scalars and arrays of the tissue, in a simulation of the state's topology; its backend must restart then. Tools and contacts are the caller's. */
+/* Restore the scalars and arrays of the tissue in a simulation of the state's topology. Then its backend must
+ * restart. The caller restores tools and contacts. */
 void pliant_state_put(const pliant_state *state, pliant_data *data);
 /* Save the scalars. The caller saves tools, contacts and topology. */
 void pliant_state_take(const pliant_data *data, bool tissue, pliant_state *state);
 
 /* ---- state_save.c */
-typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts; /* tissue: its arrays; topology: present and to undo */
+/* tissue: its arrays; topology: the current one and those to undo */
+typedef struct pliant_state_parts { bool tissue, topology; } pliant_state_parts;
 /* Save some parts of the state, and all of its scalars. Errors: MEMORY (the state stays as it is). */
 pliant_status pliant_state_save_parts(const pliant_model *model, pliant_data *data, const pliant_state_parts *parts, pliant_state *state);
-void pliant_state_clear(pliant_state *state); /* free all that it holds */
+void pliant_state_clear(pliant_state *state); /* frees all contents */
 
 /* ---- rollback.c: rollback of a failed step */
 /* Save the state after the cut stage, whose topology stays. Errors: MEMORY (the step must not continue). */

@@ -10,7 +10,8 @@
 
 typedef struct transfer { pliant_state_way way; bool succeeds; } transfer;
 
-/* at, count, room: an array of the state. elements, number: the simulation's array. */
+/* @param at, count, room the state's array, its size and its capacity; @param elements, number the simulation's
+ *   array and its size */
 static void move(transfer *work, void *at, size_t *count, size_t *room, size_t size, void *elements, size_t number)
 {
     void *array; /* `at` points to a pointer of any type */
@@ -60,7 +61,7 @@ static void move_pieces(transfer *work, pliant_state *state, pliant_data *data)
     else work->succeeds = work->succeeds && state->grips.count == 0;
 }
 
-/* The arrays of all tools, one tool after the other. */
+/* Gather the arrays of all tools, one tool after the other. */
 static void gather_tools(pliant_state *state, const pliant_data *data)
 {
     size_t h = 0, p = 0;
@@ -156,7 +157,7 @@ void pliant_state_edge(const pliant_state *state, int tool, pliant_edge *edge)
 
 /* ---- scalars */
 
-/* A solver of the fine mesh keeps the nodes of rigid pieces where they came off. */
+/* A solver of the fine mesh keeps the nodes of rigid pieces at their home positions. */
 static void keep_pieces_home(const pliant_falling *falling, const pliant_system *system, double *solved)
 {
     for (int32_t n = 0; falling && system->mesh == system->fine && n < system->mesh->num_nodes; n++) {
@@ -211,7 +212,7 @@ static void put_dynamics(const pliant_state *state, pliant_tled *tled)
     memcpy(tled->quotient, from->quotient, sizeof tled->quotient);
 }
 
-/* Nodes of pieces that have left the volume stay where they are. */
+/* Stop the nodes of pieces that have left the volume. */
 static void stop_pieces(const pliant_state *state, pliant_data *data)
 {
     const pliant_pieces *pieces = data->falling ? data->falling->body->pieces : NULL;
@@ -222,7 +223,8 @@ static void stop_pieces(const pliant_state *state, pliant_data *data)
 void pliant_state_put(const pliant_state *state, pliant_data *data)
 {
     if (data->tled) stop_pieces(state, data);
-    (void)pliant_state_arrays((pliant_state *)state, data, true, PLIANT_STATE_RESTORE); /* which writes to the simulation alone */
+    /* RESTORE does not write to the state */
+    (void)pliant_state_arrays((pliant_state *)state, data, true, PLIANT_STATE_RESTORE);
     memcpy(data->gravity, state->gravity, sizeof data->gravity);
     data->statistics = state->statistics;
     if (data->tled) put_dynamics(state, data->tled);

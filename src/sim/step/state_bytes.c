@@ -1,4 +1,5 @@
-/* A simulation state as bytes, for a file: a header, the struct without its pointers, the arrays, the contact points. */
+/* Convert a simulation state to bytes for a file, and back. The bytes are a header, the struct without its
+ * pointers, the arrays, and the contact points. */
 #include "sim/step/state.h"
 
 #include "base/fail.h"
@@ -11,19 +12,19 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { FORMAT = 1 /* increment it when the meaning of the bytes changes; the header also has the size of the struct */ };
+enum { FORMAT = 1 /* increment when the meaning of the bytes changes; the header also stores the size of the struct */ };
 
 typedef struct header {
     char magic[8];
     uint32_t format, scalars; /* FORMAT; sizeof(pliant_state) */
     char version[16];         /* PLIANT_VERSION of the writer */
     uint64_t mesh;            /* checksum of the fine mesh */
-    uint64_t bytes, checksum; /* after the header */
+    uint64_t bytes, checksum; /* of the data after the header */
 } header;
 
 static const char magic[8] = "pliantst";
 
-/* FNV-1a, of 64-bit words and of the bytes that are left */
+/* FNV-1a over 64-bit words and the remaining bytes. */
 static uint64_t add_sum(uint64_t sum, const void *bytes, size_t count)
 {
     const unsigned char *at = bytes;
@@ -60,7 +61,7 @@ static void put(char **out, const void *bytes, size_t size)
     *out += size;
 }
 
-/* The struct without its pointers. */
+/* Copy the struct without its pointers. */
 static void take_scalars(const pliant_state *state, pliant_state *out)
 {
     memcpy(out, state, sizeof *out);
@@ -111,7 +112,7 @@ static pliant_status check_header(size_t size, const void *bytes, const pliant_b
     return PLIANT_OK;
 }
 
-/* false: they are not there */
+/* Return false if the data are too short. */
 static bool get(const char **from, size_t *left, size_t size, size_t count, void *out)
 {
     if (count > *left / size) return false;
@@ -121,7 +122,7 @@ static bool get(const char **from, size_t *left, size_t size, size_t count, void
     return true;
 }
 
-/* The arrays, and the contact points. scalars: with their counts. */
+/* Read the arrays and the contact points. scalars: contains their sizes */
 static pliant_status read_arrays(const char *from, size_t left, const pliant_state *scalars, pliant_state *out)
 {
 #define READ_ARRAY(type, name)                                                                                                          \
@@ -166,7 +167,7 @@ static bool points_are_sound(const pliant_state *state, int32_t nodes)
     return true;
 }
 
-/* Return whether its nodes, tetrahedra, pieces and tools exist. */
+/* Return whether all nodes, tetrahedra, pieces and tools exist that the state refers to. */
 static bool is_sound(const pliant_state *state, const pliant_body *body)
 {
     const int32_t nodes = body->fine.num_nodes, pieces = body->pieces ? body->pieces->count : 0;
@@ -199,7 +200,7 @@ static bool has_same_tools(const pliant_state *state, const pliant_data *data)
     return same;
 }
 
-/* Other tools hold and touch nothing yet. */
+/* Discard grasps and contacts if the simulation has other tools. */
 static void drop_tools(pliant_state *state, const pliant_data *data)
 {
     int32_t left = 0;
@@ -240,7 +241,7 @@ static pliant_status read_state(const pliant_model *model, const pliant_data *da
     pliant_status status = scalars->undo.count == 0 ? read_arrays(from, size - (size_t)(from - bytes), scalars, out) : PLIANT_ERROR_FORMAT;
     pliant_free(scalars);
     if (status == PLIANT_OK && !is_sound(out, body)) status = pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state names nodes or tools that are not there");
-    if (status != PLIANT_OK) out->num_tools = 0; /* they retain nothing */
+    if (status != PLIANT_OK) out->num_tools = 0; /* the state retains nothing yet */
     if (status != PLIANT_OK) return status;
     if (!has_same_tools(out, data)) drop_tools(out, data);
     for (int t = 0; t < out->num_tools; t++) {

@@ -1,5 +1,5 @@
-/* Restore the simulation state: prepare a simulation as a load does, set it to the state, and swap the two. So the factors and
- * the solver's history start as after a load, and an error changes nothing. */
+/* Restore the simulation state: create a simulation as at load, set it to the state, and swap the two. So factors
+ * and solver history start as after a load, and an error changes nothing. */
 #include "sim/step/state.h"
 
 #include "backend/backend.h"
@@ -17,7 +17,8 @@
 
 #include <string.h>
 
-/* Meshes, voxels and factors are shared with the model by address: even a model of the same scene has others. */
+/* A state refers to meshes, voxels and factors of its model by address, so a second model of the same scene does
+ * not fit. */
 static pliant_status check_model(const pliant_model *model, const pliant_model *from)
 {
     if (from == model) return PLIANT_OK;
@@ -31,7 +32,7 @@ pliant_status pliant_state_save(const pliant_model *model, pliant_data *data, pl
 {
     const pliant_state_parts all = {.tissue = true, .topology = true};
     if (check_model(model, data->model) != PLIANT_OK) return PLIANT_ERROR_ARGUMENT;
-    pliant_account *before = pliant_account_use(NULL); /* a state is of no simulation */
+    pliant_account *before = pliant_account_use(NULL); /* memory of a state is not accounted to a simulation */
     const pliant_status status = pliant_state_save_parts(model, data, &all, state);
     pliant_account_use(before);
     return status;
@@ -45,7 +46,7 @@ static pliant_status put_tool(const pliant_state *state, int t, pliant_data *mad
     *tool = state->tools[t];
     made->num_tools = t + 1;
     pliant_tool_shape_retain(&tool->shape);
-    tool->num_held = 0; /* until they are there */
+    tool->num_held = 0; /* until the arrays are allocated */
     tool->blade.edge = (pliant_edge){.count = 0};
     pliant_status status = edge.count > 0 ? pliant_edge_create(edge.count, edge.reach, &tool->blade.edge) : PLIANT_OK;
     if (status != PLIANT_OK || count == 0) return status;
@@ -91,21 +92,23 @@ static pliant_status put_all(const pliant_model *model, const pliant_state *stat
     const pliant_data shell = {.contacts = state->contact[0].points, .contact_search = state->contact[0].search};
     pliant_status status = pliant_data_set_body(model, made, state->body);
     if (status != PLIANT_OK) return status;
-    if (!pliant_state_arrays((pliant_state *)state, made, true, PLIANT_STATE_COMPARE)) /* a state that was read */
+    /* only a state from a file can differ */
+    if (!pliant_state_arrays((pliant_state *)state, made, true, PLIANT_STATE_COMPARE))
         return pliant_fail(PLIANT_ERROR_FORMAT, "the simulation state is of another solver or mesh: build the model from the scene that it was saved with");
     pliant_state_put(state, made);
     if (made->solver) made->backend->kind->limits(made, state->iterations, state->tolerance);
     status = put_tools(state, made);
     if (status == PLIANT_OK) status = put_undo(state, model->scene.cut.undo, &made->undo);
     if (status == PLIANT_OK) status = pliant_contact_copy(&shell, made);
-    if (status == PLIANT_OK && !shell.contact_search) status = pliant_contacts_copy(&shell.contacts, &made->contacts); /* of a state that was read */
+    /* a state from a file has no search data */
+    if (status == PLIANT_OK && !shell.contact_search) status = pliant_contacts_copy(&shell.contacts, &made->contacts);
     if (status == PLIANT_OK) status = pliant_backend_restart(model, made);
     made->last_revision = state->last_revision;
     made->background.kind = state->background;
     return status;
 }
 
-/* A simulation in that state. */
+/* Create a simulation with that state. */
 static pliant_status make(const pliant_model *model, const pliant_state *state, pliant_account *account, pliant_data **out)
 {
     pliant_data *made = NULL;
@@ -132,7 +135,7 @@ static pliant_status restore(const pliant_model *model, pliant_data *data, const
         made->rollback = old.rollback; /* its capacity */
         old.warp = NULL;
         old.rollback = NULL;
-        if (old.last_revision > made->last_revision) made->last_revision = old.last_revision; /* no two bodies share one */
+        if (old.last_revision > made->last_revision) made->last_revision = old.last_revision; /* revisions are unique */
         *data = *made;
         *made = old;
     }

@@ -50,7 +50,7 @@ void pliant_state_free(pliant_state *state)
     pliant_free(state);
 }
 
-/* To the second contact section. Errors: MEMORY. */
+/* Copy the contacts to the second contact section. Errors: MEMORY. */
 static pliant_status copy_contact(const pliant_data *data, pliant_state *state)
 {
     pliant_state_contact *next = state->contact + 1;
@@ -68,7 +68,7 @@ static void swap_contact(pliant_state *state)
     state->contact[1] = contact;
 }
 
-/* Their arrays are in the state's arrays. */
+/* Copy the tools' scalars; their arrays are in the state's arrays. */
 static void copy_tools(const pliant_data *data, pliant_state *state)
 {
     state->num_tools = data->num_tools;
