@@ -16,7 +16,12 @@ using namespace overlaps;
 
 namespace {
 
-enum { THREADS = 128, WARPS = THREADS / 32, LANES_OF_TET = 8 /* threads that share the cells of a tetrahedron */, LANES_OF_ENTRY = 8 /* threads that share the list of an entry */ };
+enum {
+    THREADS = 128,
+    WARPS = THREADS / 32,
+    LANES_OF_TET = 8 /* threads that share the cells of a tetrahedron */,
+    LANES_OF_ENTRY = 8 /* threads that share the list of an entry */
+};
 
 /* The cells that a box covers; none if the box is not finite, or too large. */
 struct cells {

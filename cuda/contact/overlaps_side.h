@@ -35,8 +35,8 @@ static inline bool gpu_cells_follow(gpu_cells *cells, unsigned long long widest,
     const double goes_on = 2; /* factor by which the box may grow in the next step */
     const double wanted = widest > GPU_MOST_CELLS ? goes_on * (double)widest / GPU_MOST_CELLS : 1;
     const bool too_wide = widest > gpu_cells_most(cells), too_many = !too_wide && entries > most;
+    /* halve the side only if eight times as many entries fit */
     if (too_many) cells->spread = 2 * gpu_cells_coarser(cells);
-    /* then there are at most eight times as many entries */
     else if (!too_wide && cells->spread > 1 && entries <= most / 16) cells->spread = fmax(cells->spread / 2, 1);
     if (!too_many) cells->widest = wanted;
     return too_wide || too_many;

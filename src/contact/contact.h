@@ -1,8 +1,8 @@
 /* Contact points of tissue with instruments, ground and tissue.
  *
  * Collision detection (find.h: rigid parts; tissue.h: tissue on tissue) writes contact points. The solvers
- * (fem/quasistatic, fem/dynamics) read only these points. At a contact point the conditions are
- *     g(x) = n'(sum_k w_k x_k - p),   g >= 0,   l_n >= 0,   g l_n = 0   (Signorini),   |l_t| <= mu l_n   (Coulomb).
+ * (fem/quasistatic, fem/dynamics) read only these points. The conditions at a contact point are:
+ *     g(x) = n'(sum_k w_k x_k - p),   g >= 0,   l_n >= 0,   g l_n = 0   (Signorini),   |l_t| <= mu l_n   (Coulomb)
  * g is the gap. The weights w belong to fine nodes. They describe a point of the surface (sum 1). For tissue on
  * tissue the weights of the other side are subtracted (sum 0). p is a point of the obstacle and moves with it. The
  * normal n points out of the obstacle. */

@@ -26,7 +26,7 @@ extern "C" {
     SETTING(double, guard_left, 0.5, "guard depth",                                                                   \
             "part of the guard zone that the error of a distance field leaves, at least",                             \
             "a leg may use half of the zone (advance_stop)")                                                          \
-    /* ---- how far a leg may go (advance/advance.h) */                                                               \
+    /* ---- limits of a leg (advance/advance.h) */                                                                    \
     SETTING(double, advance_keep, 0.1, "distance at the start of the leg", "core distance that a leg leaves",         \
             "Li et al., Incremental Potential Contact, 2020, keep 0.2")                                               \
     SETTING(double, advance_stop, 0.5, "guard depth", "core distance that a leg may reach from any distance",         \

@@ -1,4 +1,4 @@
-/* Check whether the surface and the cores overlap. The algorithms differ from those of the advancement: ternary
+/* Check whether the surface and the cores overlap. The algorithms are independent of the advancement: ternary
  * search of a convex function on a segment, and signed volumes for segments that pass through triangles. */
 #include "contact/advance/near.h"
 

@@ -266,8 +266,8 @@ static double gap_of(const search *on, const pliant_feature *border, const plian
     return border->touches && dot(border->normal, of->normal) > on->finder->settings.same_cosine ? border->gap : INFINITY;
 }
 
-/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. One that had contact keeps
- * it until it is higher by `sag`. */
+/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
+ * until it is higher than these by `sag`. */
 static void keep_if_deeper(const search *on, pliant_feature *of, double gap, double size)
 {
     const pliant_contact_settings *settings = &on->finder->settings;
@@ -297,8 +297,7 @@ static void keep_deeper(const search *on)
     }
 }
 
-/* An edge or triangle gets a point if it is deeper than its adjacent features by `sag`. An existing point stays
- * until it is higher than these by `sag`. */
+/* Divide each triangle's area equally among its corners, and its edges and itself if they have contact. */
 static void share_areas(const search *on)
 {
     pliant_finder *finder = on->finder;
@@ -317,7 +316,7 @@ static void share_areas(const search *on)
     }
 }
 
-/* Divide each triangle's area equally among its corners, and its edges and itself if they have contact. */
+/* ---- output */
 
 static int32_t jaw_of(const pliant_moving_part *part)
 {

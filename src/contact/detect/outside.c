@@ -9,7 +9,8 @@
 #include <math.h>
 #include <string.h>
 
-static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outwards, of the face opposite each corner */
+/* oriented outwards, of the face opposite each corner */
+static const int corners_of[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 static const double farthest = 1;   /* maximum motion of a corner, times the shortest edge of a cube */
 static const double almost_none = 1e-5; /* tolerance of the fraction of tissue in an element */
 static const double half = 0.5;     /* threshold of the fraction of tissue */
@@ -43,7 +44,8 @@ void pliant_outside_free(pliant_outside *outside)
     memset(outside, 0, sizeof *outside);
 }
 
-/* List the triangles between the inside and the outside. out: Nullable */
+/* ---- triangles of the contact surface
+ * List the triangles between the inside and the outside. out: Nullable */
 static int32_t list_triangles(const pliant_mesh *mesh, const int32_t *across, const uint8_t *solid, int32_t *out)
 {
     int32_t count = 0;

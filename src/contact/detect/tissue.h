@@ -129,7 +129,7 @@ pliant_status pliant_tissue_overlapping(pliant_tissue *tissue, const double *pos
 pliant_status pliant_tissue_find_slowed(const pliant_tissue *tissue, const uint8_t *overlaps, double punishment, pliant_contacts *out);
 
 /* ---- tissue_cut.c */
-/* Compute the cut faces of a topology. The caller frees them with pliant_free; NULL: there are none. Errors:
+/* Compute the cut faces of a topology. The caller frees them with pliant_free; NULL: no cut face. Errors:
  * MEMORY. */
 pliant_status pliant_cut_faces(const pliant_body *body, pliant_cut_face **out, int32_t *count);
 /* Compute the point of a cut face. Return whether its sides are nearer than the margin. slid: out: the sides have

@@ -34,9 +34,9 @@ static turn turn_between(const sample *low, const sample *high, double tight)
     return (turn){.low = *low, .high = *high, .weight = {low->slope, high->slope}, .tight = tight};
 }
 
-/* Choose the next position. Alternate between the intersection of the two tangents, which finds an edge of the part
- * at once, and false position with the Illinois rule (Dowell and Jarratt, BIT 11:168, 1971), which suits smooth
- * parts. Return false if the tangents prove that no value is smaller by more than the tolerance. */
+/* Choose the next position. Even steps use the intersection of the two tangents, which finds an edge of the part at
+ * once. Odd steps use false position with the Illinois rule (Dowell and Jarratt, BIT 11:168, 1971), which suits
+ * smooth parts. Return false if the tangents prove that no value is smaller by more than the tolerance. */
 static bool turn_goes_on(turn *of, double *share)
 {
     enum { MOST_STEPS = 40 };
@@ -110,7 +110,7 @@ static double bend_of(double length)
 
 static double tight_of(double length)
 {
-    /* relative to the length; where the part is smooth, the error of the position is the square root of that */
+    /* relative to the length; where the part is smooth, the position's relative error is about 1e-5 */
     const double tight = 1e-10;
     return tight * length;
 }

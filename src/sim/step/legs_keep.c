@@ -149,7 +149,7 @@ pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *d
     return pliant_backend_move(model, data);
 }
 
-/* Explicit dynamics: contact points of a part of the step, and mean forces over the step. */
+/* ---- explicit dynamics: contact points of the step, with mean forces */
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 

@@ -18,26 +18,26 @@ extern "C" {
  * - solved nodes: nodes of the solved mesh
  * - blocks: LANES elements each (pliant_tled_blocks)
  * - held nodes, edge points: of all tools, one tool after the other */
-#define PLIANT_STATE_ARRAYS(X)                                                                                              \
-    X(double, positions)       /* (fine nodes x 3) LPS [m] */                                                               \
-    X(double, solved)          /* quasi-static: (solved nodes x 3) positions of the mesh that is solved, rigid pieces where they came off [m] */ \
-    X(double, displacement)    /* explicit: (fine nodes x 3) from rest [m] */                                               \
-    X(double, increment)       /* explicit: (fine nodes x 3) of the displacement in the last sub-step: velocity times time_step [m] */ \
-    X(float, relaxed)          /* explicit, Prony: (blocks x 6 PLIANT_PRONY_TERMS x LANES) overstress that has relaxed, volume times stress [N m] */ \
-    X(piece, pieces)           /* (pieces) velocity [m/s], angular momentum [kg m^2/s], whether it rests or has stopped */      \
-    X(double, piece_positions) /* (piece nodes x 3) [m] */                                                                  \
-    X(double, piece_home)      /* (piece nodes x 3) where they were when the piece came off [m] */                          \
-    X(double, joints)          /* (joints x 3) where pieces hung in the last step [m] */                                    \
-    X(grip, grips)             /* tools that hold pieces */                                                                 \
-    X(int32_t, held)           /* (held nodes) fine nodes of grasps */                                                      \
-    X(double, held_weight)     /* (held nodes) their shares, sum 1 for each tool */                                         \
-    X(double, edge_place)      /* (edge points x 3) of blades in a stroke [m] */                                            \
-    X(int32_t, edge_tet)       /* (edge points) fine tetrahedron; -1: in no tissue */                                       \
-    X(double, edge_weight)     /* (edge points x 4) barycentric */                                                          \
-    X(int32_t, edge_beside)    /* (edge points) fine node that it goes with; -1: none */                                    \
-    X(double, edge_now)        /* (edge points x 3) where the blade is [m] */                                               \
-    X(double, edge_apart)      /* (edge points x 3) from that node [m] */                                                   \
-    X(const pliant_body *, undo) /* topologies before cuts, the latest last; each retained */
+#define PLIANT_STATE_ARRAYS(X)                                                                                         \
+    X(double, positions)       /* (fine nodes x 3) LPS [m] */                                                          \
+    X(double, solved)          /* quasi-static: (solved nodes x 3) solved positions; rigid pieces at their home [m] */ \
+    X(double, displacement)    /* explicit: (fine nodes x 3) from rest [m] */                                          \
+    X(double, increment)       /* explicit: (fine nodes x 3) in the last sub-step: velocity times time_step [m] */     \
+    X(float, relaxed)          /* Prony: (blocks x 6 PLIANT_PRONY_TERMS x LANES) relaxed stress times volume [N m] */  \
+    X(piece, pieces)           /* (pieces) velocity [m/s], angular momentum [kg m^2/s], rest and stop flags */         \
+    X(double, piece_positions) /* (piece nodes x 3) [m] */                                                             \
+    X(double, piece_home)      /* (piece nodes x 3) positions at the detachment [m] */                                 \
+    X(double, joints)          /* (joints x 3) positions of the pieces' joints in the last step [m] */                 \
+    X(grip, grips)             /* tools that grasp pieces */                                                           \
+    X(int32_t, held)           /* (held nodes) fine nodes of grasps */                                                 \
+    X(double, held_weight)     /* (held nodes) weights, sum 1 for each tool */                                         \
+    X(double, edge_place)      /* (edge points x 3) cut's end, for blades in a stroke [m] */                           \
+    X(int32_t, edge_tet)       /* (edge points) fine tetrahedron; -1: outside tissue */                                \
+    X(double, edge_weight)     /* (edge points x 4) barycentric coordinates */                                         \
+    X(int32_t, edge_beside)    /* (edge points) fine node that the point moves with; -1: none */                       \
+    X(double, edge_now)        /* (edge points x 3) positions of the blade [m] */                                      \
+    X(double, edge_apart)      /* (edge points x 3) offset from that node [m] */                                       \
+    X(const pliant_body *, undo)/* topologies before cuts, the latest last; each retained */
 
 typedef struct pliant_state_contact {
     pliant_contacts points;        /* of the last step: forces [N], anchors [m], contact flags */
