@@ -46,8 +46,8 @@ static double from_field(const pliant_solid *solid, const double p[3], double no
         square += (p[d] - inside[d]) * (p[d] - inside[d]);
     }
     const double value = field_at(solid, inside, normal);
-    /* the nearest point is on the grid's side: its direction makes an angle of at least 90 degrees with the
-     * direction to the grid */
+    /* lower bound: the path into the grid's box and the path from there to the surface enclose an angle of at least
+     * 90 degrees */
     for (int d = 0; square > 0 && d < 3; d++) normal[d] = p[d] - inside[d] + value * normal[d];
     for (int d = 0; d < 3; d++) length += normal[d] * normal[d];
     length = sqrt(length);

@@ -17,8 +17,8 @@ void pliant_part_leave(const pliant_part *part, const double p[3], const double 
 /* Return the depth of the part's deepest point [m]. */
 double pliant_part_depth(const pliant_part *part);
 /* Return the core: everything deeper than the guard depth below the surface. The guard depth is less than the
- * part's depth. Outside the core its distance is the part's distance plus guard. A box becomes one with rounded
- * edges: its surface has the guard depth as radius. */
+ * part's depth. Outside the core, its distance is the part's distance plus the guard depth. A box has rounded edges
+ * then, with the guard depth as radius. */
 pliant_part pliant_part_core(const pliant_part *part, double guard);
 /* Compute the center of the part's box in its frame; a half-space has none. */
 void pliant_part_centre(const pliant_part *part, double out[3]);

@@ -44,9 +44,9 @@ void pliant_triangle_nearest_weights(const double a[3], const double b[3], const
 void pliant_triangle_nearest(const double a[3], const double b[3], const double c[3], const double p[3], double out[3]);
 
 /* ---- hull.c */
-/* Compute the triangles of the convex hull, oriented outwards. Points in one plane are an error. The caller frees
- * them with pliant_free. Errors: FORMAT (flat, or more than PLIANT_HULL_TRIANGLES; name is for the message),
- * MEMORY. */
+/* Compute the triangles of the convex hull, oriented outwards. Points within a face belong to no triangle. The
+ * caller frees the triangles with pliant_free. Errors: FORMAT (flat, or more than PLIANT_HULL_TRIANGLES; name is
+ * for the message), MEMORY. */
 pliant_status pliant_hull_find(int32_t num_points, const double *points, const char *name, int32_t *num_triangles, int32_t **triangles);
 
 /* ---- field.c */

@@ -4,7 +4,7 @@
  * the blade. Its force is k y, where y is the distance that the blade has moved since the drag began. Real tissue
  * stiffens as it is stretched. Linear elements do not, so they carry less than this force. The blade slips when its
  * work k y^2 / 2 reaches toughness times y times the width of the edge in tissue. Then the tissue is released,
- * returns over the edge, and is cut there.
+ * returns over the edge, and is cut up to the blade.
  *
  * With k = 2 toughness width / drag the blade slips at y = drag. The force is a saw-tooth, as Chanthasopeephan
  * measured in liver (Ann Biomed Eng 31:1372, 2003). Its mean is toughness times width. The energy of the cut area is
@@ -247,8 +247,8 @@ static void slip(const knife *work, const double anchor[3])
     draw(work->tool);
 }
 
-/* Return whether released tissue still moves back: with inertia that takes more than a step. `swept` is the edge in
- * the tissue at the release. */
+/* Return whether released tissue still moves back: with inertia that takes more than a step. Then its points are away
+ * from the blade's previous pose, which is `swept`. */
 static bool comes_back(const knife *work)
 {
     const pliant_edge *edge = &work->tool->blade.edge;
