@@ -100,6 +100,8 @@ static double stays(const pliant_model *model, const pliant_data *data) { return
 /* The core of a distance field is enlarged by the field's error (contact/advance). */
 static double off_of(const pliant_part *part) { return part->kind == PLIANT_PART_SOLID && !part->solid->convex ? part->solid->error : 0; }
 
+/* Return the guard depth of a part. A distance field's error reduces the guard zone, so the guard depth is increased
+ * until a fraction of the zone remains (settings.guard_left). */
 static double guard_of(const pliant_model *model, const pliant_data *data, const pliant_part *part)
 {
     const double *cell = data->body->fine.cell_size, guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
@@ -136,6 +138,7 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
         .guard = guard, .off = off_of(part), .margin = model->contact.search_margin, .recovery = recovered(model, data), .stays = stays(model, data)};
 }
 
+/* Gather the parts of tools and obstacles for this leg. Released tools and cutting parts of active blades are left out. */
 static void gather_parts(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_search *search = data->contact_search;
@@ -331,6 +334,8 @@ static uint64_t key_of(const pliant_moving_part *part)
     return (uint64_t)part->num_held << 32 | (uint64_t)part->kind << 24 | (uint64_t)(part->tool + 1) << 16 | (uint64_t)part->index;
 }
 
+/* Return whether points can be reused: only in quasi-static steps without plane constraints, detached pieces,
+ * contact of tissue on tissue, or patches. */
 static bool is_simple(const pliant_model *model, const pliant_data *data)
 {
     return data->solver && !data->legs->planes && !data->falling && !touches_itself(model) && pliant_patch_serves(data) == 0;

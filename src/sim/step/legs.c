@@ -18,6 +18,7 @@ static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tl
 
 /* ---- start of the step: target poses, and proxies of tools that are new or have jumped */
 
+/* Return whether the target moves too fast, or is too far from the proxy, to be followed. */
 static bool has_jumped(const pliant_model *model, const pliant_tool *tool)
 {
     double way = 0;
@@ -50,6 +51,7 @@ static pliant_status place_proxy(const pliant_model *model, pliant_data *data, i
 /* Return the grasp constraint of a tool, from its patch or from the model. */
 static pliant_handle *handle_of(const pliant_data *data, int tool) { return data->solver ? pliant_patch_solver(data, tool)->handles + tool : NULL; }
 
+/* Read the target poses, and place the proxies of new tools. */
 static pliant_status begin_step(const pliant_model *model, pliant_data *data)
 {
     data->legs->told.count = 0;
@@ -86,6 +88,7 @@ static void end_step(pliant_data *data)
 
 /* ---- goals of a leg */
 
+/* Save the proxies' poses and loads at the start of a leg. */
 static void begin_leg(pliant_data *data)
 {
     for (int t = 0; t < data->num_tools; t++) {
@@ -177,6 +180,7 @@ static void set_goals(const pliant_model *model, pliant_data *data, double share
 /* contact/response: paper without delay detects overlaps in every sub-step */
 static bool searches_on_the_way(const pliant_model *model) { return model->scene.contact.response == PLIANT_RESPONSE_PAPER && !model->scene.contact.delay; }
 
+/* Run the solve stage. A GPU backend that cannot handle contact fails, and then the CPU continues. */
 static pliant_status solve(const pliant_model *model, pliant_data *data)
 {
     const pliant_backend *backend = data->backend;
@@ -189,6 +193,7 @@ static pliant_status solve(const pliant_model *model, pliant_data *data)
     return status;
 }
 
+/* Upsample the solution. A GPU also copies the positions to the host if contact, pieces or patches need them. */
 static pliant_status upsample(const pliant_model *model, pliant_data *data)
 {
     pliant_status status = data->backend->upsample(model, data);
@@ -215,6 +220,7 @@ static pliant_status patch(const pliant_model *model, pliant_data *data)
     return status;
 }
 
+/* Run the stages solve, upsample and patch. */
 static pliant_status lead(const pliant_model *model, pliant_data *data, pliant_status *caveat)
 {
     pliant_status (*const functions[])(const pliant_model *, pliant_data *) = {solve, upsample, patch};
@@ -350,7 +356,13 @@ static pliant_status go(const pliant_model *model, pliant_data *data, double *sh
 /* ---- the step */
 
 /* The part of the step that remains for further legs. */
-typedef struct leg_budget { int32_t evaluations, spent /* at least 1 in each leg */, iterations; double left, gone; int blocked; bool first; } leg_budget;
+typedef struct leg_budget {
+    int32_t evaluations, /* limit for the step */
+        spent /* at least 1 in each leg */, iterations;
+    double left, gone; /* fraction of the step that remains; fraction that the last leg made */
+    int blocked;       /* number of successive legs that made almost no progress */
+    bool first;
+} leg_budget;
 
 /* Return the number of evaluations for this leg, in addition to the first one. After a blocked leg return 0: one
  * linear step, whose result is not checked, adds the plane constraints. */
@@ -359,6 +371,8 @@ static int32_t choose_evaluations(const leg_budget *budget, double share)
     return budget->gone < 1 ? 0 : (int32_t)fmax(1, round(share * (budget->evaluations - budget->spent)));
 }
 
+/* Make one leg: choose its length, find contact points, solve, and apply the free fraction. Then decide whether the
+ * step is done. */
 static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_budget *budget, pliant_status *caveat, bool *done)
 {
     pliant_statistics *statistics = &data->statistics;
