@@ -8,9 +8,8 @@
 
 static double seconds_of_step(const pliant_data *data)
 {
-    const pliant_statistics *statistics = pliant_data_get_statistics(data);
     double seconds = 0;
-    for (int stage = 0; stage < PLIANT_NUM_STEP_STAGES; stage++) seconds += statistics->seconds[stage];
+    for (int s = 0; s < PLIANT_NUM_STEP_STAGES; s++) seconds += pliant_data_get_statistics(data)->seconds[s];
     return seconds;
 }
 
