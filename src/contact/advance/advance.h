@@ -112,6 +112,7 @@ typedef struct pliant_advance_self_audit {
     int32_t crossings; /* number of edges that pass through triangles, by another algorithm than the distances */
     int32_t node[5];   /* edge and triangle of one crossing; -1: none */
 } pliant_advance_self_audit;
+/* Check the surface against itself in one configuration. Errors: MEMORY (out is not written). */
 pliant_status pliant_advance_audit_self(pliant_advance *advance, int32_t num_triangles, const int32_t *triangles,
                                         const double *positions, const pliant_advance_self *self, int num_threads,
                                         pliant_advance_self_audit *out);

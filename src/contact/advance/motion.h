@@ -31,6 +31,7 @@ typedef struct pliant_advance_motion {
 
 /* Initialize the motion. still: the part stays at its first pose */
 void pliant_advance_motion_init(const pliant_advance_part *leg, bool still, pliant_advance_motion *out);
+/* Compute the part's state at a fraction t of the leg. */
 void pliant_advance_motion_at(const pliant_advance_motion *motion, double t, pliant_advance_state *out);
 /* Compute the velocity of the part's point at x. */
 void pliant_advance_motion_velocity(const pliant_advance_motion *motion, const pliant_advance_state *state,

@@ -14,6 +14,7 @@ typedef struct pliant_advance_pair {
     double weight[3]; /* weights of the triangle's corners at which the search for the smallest distance starts */
 } pliant_advance_pair;
 
+/* Set the motion of a triangle. from, to: (nodes x 3) positions at both ends of the leg [m] */
 void pliant_advance_triangle_init(const int32_t node[3], const double *from, const double *to,
                                   pliant_advance_triangle *out);
 /* Return a lower bound of the core distance at a fraction of the leg [m]. The number of distances evaluated is

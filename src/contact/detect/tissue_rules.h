@@ -125,6 +125,7 @@ PLIANT_INLINE bool pliant_tissue_were_one(const pliant_tissue_view *on, int32_t 
     return pliant_tissue_dot(apart, apart) < on->shortest * on->shortest;
 }
 
+/* Return whether a tetrahedron has a node, or a copy of it that a cut has separated. */
 PLIANT_INLINE bool pliant_tissue_has_node(const pliant_tissue_view *on, int32_t tet, int32_t node)
 {
     const int32_t *of = on->tets + 4 * (size_t)tet;
@@ -210,6 +211,7 @@ PLIANT_INLINE void pliant_tissue_keep(const pliant_tissue_view *on, int32_t inde
     list[at] = *one;
 }
 
+/* Test a node against a triangle, and add a contact if there is one. */
 PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t index, int32_t skin)
 {
     const int32_t node = on->node[index], tet = on->skin[skin].tet;

@@ -35,6 +35,7 @@ void pliant_tool_shape_retain(const pliant_tool_shape *shape);
 /* x = rotation l + place, for a point l in a frame; row-major. */
 typedef struct pliant_pose { double rotation[9], place[3]; } pliant_pose;
 
+/* Transform a point from the frame, or into the frame. */
 void pliant_pose_to(const pliant_pose *pose, const double local[3], double out[3]);
 void pliant_pose_from(const pliant_pose *pose, const double x[3], double out[3]);
 void pliant_pose_turn(const pliant_pose *pose, const double local[3], double out[3]); /* directions */

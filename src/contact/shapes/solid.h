@@ -26,13 +26,17 @@ struct pliant_solid {
 double pliant_solid_distance(const pliant_solid *solid, const double p[3], double normal[3]);
 
 /* ---- stl.c */
-typedef struct pliant_triangle_soup { int32_t num_triangles; double *points; /* (num_triangles x 3 corners x 3) */ } pliant_triangle_soup;
+typedef struct pliant_triangle_soup {
+    int32_t num_triangles;
+    double *points; /* (num_triangles x 3 corners x 3) */
+} pliant_triangle_soup;
 /* Read an STL file. The caller frees points with pliant_free. Errors name the file: FILE, FORMAT, MEMORY. */
 pliant_status pliant_stl_read(const char *path, pliant_triangle_soup *out);
 
 /* ---- nearest.c: tree of boxes around triangles */
 typedef struct pliant_triangle_tree pliant_triangle_tree;
-pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles, pliant_triangle_tree **out); /* Errors: MEMORY */
+/* Build the tree; it borrows points and triangles. Errors: MEMORY. */
+pliant_status pliant_triangle_tree_create(const double *points, int32_t count, const int32_t *triangles, pliant_triangle_tree **out);
 void pliant_triangle_tree_free(pliant_triangle_tree *tree); /* Nullable */
 /* Return the distance of a point from the nearest triangle, or `most` if it is larger. */
 double pliant_triangle_tree_distance(const pliant_triangle_tree *tree, const double p[3], double most);

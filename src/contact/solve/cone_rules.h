@@ -84,6 +84,7 @@ typedef struct pliant_cones {
  * (src/contact/NUMERICS.md). */
 #define PLIANT_CONE_TIMES 10.0
 
+/* Compute each point's own stiffness along the normal and the tangents. */
 PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cones *on)
 {
     const size_t row = 3 * (size_t)on->count;
@@ -166,6 +167,7 @@ PLIANT_INLINE void pliant_cones_move(const pliant_team *team, const pliant_cones
 
 /* ---- a step of Newton's method */
 
+/* Classify a point as open, sticking or sliding. */
 PLIANT_INLINE void pliant_cone_look(const pliant_cones *on, int32_t p)
 {
     pliant_cone_point *point = on->point + p;
@@ -322,6 +324,7 @@ PLIANT_INLINE bool pliant_cones_newton(const pliant_team *team, const pliant_con
     return true;
 }
 
+/* Take a step: add `length` times change and moved to forces and motions. */
 PLIANT_INLINE void pliant_cones_take(const pliant_team *team, const pliant_cones *on, double length)
 {
     for (size_t i = (size_t)team->rank; i < 3 * (size_t)on->count; i += (size_t)team->size) {

@@ -95,13 +95,13 @@ pliant_status pliant_touches_step(pliant_solver *solver, pliant_iterate *at);
 /* Compute the forces with a matrix A; touches->motion must contain the motion of the free step. Return whether any
  * force changes. */
 bool pliant_touches_find(pliant_touches *touches, int num_tools, const double *matrix);
-/* Find the tools that pull by springs; they follow the points in A. Return their number. The second function
- * allocates A and its buffers. Errors: MEMORY. */
+/* Find the tools that pull by springs; they follow the points in A. Return their number. */
 int pliant_touches_springs(const pliant_solver *solver, int index[PLIANT_MAX_TOOLS]);
+/* Allocate A and its buffers. Errors: MEMORY. */
 pliant_status pliant_touches_make_matrix(pliant_touches *touches, int num_tools);
-/* Add the rows of a point times v to out (3). Add the transposed rows of all points times the forces (count x 3) to
- * v. v is in the nodes' own axes. */
+/* Add the rows of a point times v to out (3). v: in the nodes' own axes */
 void pliant_touches_apply(const pliant_touches *touches, int32_t point, const double *v, double out[3]);
+/* Add the transposed rows of all points times the forces (count x 3) to v. v: in the nodes' own axes */
 void pliant_touches_pull(const pliant_touches *touches, const double *force, double *v);
 /* Make the result of the last evaluation the step's state. */
 void pliant_touches_take(pliant_touches *touches);

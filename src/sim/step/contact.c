@@ -138,7 +138,8 @@ static void add_obstacle(const pliant_model *model, const pliant_data *data, con
         .guard = guard, .off = off_of(part), .margin = model->contact.search_margin, .recovery = recovered(model, data), .stays = stays(model, data)};
 }
 
-/* Gather the parts of tools and obstacles for this leg. Released tools and cutting parts of active blades are left out. */
+/* Gather the parts of tools and obstacles for this leg. Released tools and cutting parts of active blades are left
+ * out. */
 static void gather_parts(const pliant_model *model, pliant_data *data)
 {
     pliant_contact_search *search = data->contact_search;

@@ -61,22 +61,25 @@ struct pliant_legs {
  * Errors: as of the stages. */
 pliant_status pliant_legs_stage(const pliant_model *model, pliant_data *data, pliant_status *caveat);
 void pliant_legs_free(pliant_data *data);
-/* Run single stages, for tests. find: find the contact points of a leg in which all proxies go to their targets.
- * arrive: set the proxies to these poses. Errors: MEMORY. */
+/* For tests: find the contact points of a leg in which all proxies go to their targets. Errors: MEMORY. */
 pliant_status pliant_legs_find(const pliant_model *model, pliant_data *data);
+/* For tests: set the proxies to the goals of that leg, and end the step. */
 void pliant_legs_arrive(pliant_data *data);
 
 /* ---- legs_keep.c: save the start of a leg, and apply a fraction of the leg.
  * Errors: MEMORY; a backend that cannot continue from the new positions. */
+/* Save positions, grasp forces and pieces at the start of the leg. */
 pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data);
+/* Save the contact points at the start of the leg. */
 pliant_status pliant_legs_keep_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *data, double share);
 /* Shorten the motion of single nodes so that no element inverts (contact/advance/volume.h). */
 pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
-/* Explicit dynamics. add: add the contact forces of a part of the step, times its fraction of the step, to the
- * step's means. tell_forces: publish these means. Errors: MEMORY. */
+/* Explicit dynamics: add the contact forces of a leg to the mean forces of the step. share: the leg's fraction of the
+ * step. Errors: MEMORY. */
 pliant_status pliant_legs_add_forces(pliant_data *data, double share);
+/* Explicit dynamics: publish the mean forces of the step. */
 void pliant_legs_tell_forces(pliant_data *data);
 
 #ifdef __cplusplus

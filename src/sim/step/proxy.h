@@ -14,21 +14,24 @@
 extern "C" {
 #endif
 
-/* Return the target pose and the proxy pose; set the proxy pose; return the pose at a fraction of the motion between
- * two poses. */
+/* Return the target pose, which is measured. */
 pliant_tool_pose pliant_tool_measured(const pliant_tool *tool);
+/* Return the proxy pose, which is simulated. */
 pliant_tool_pose pliant_tool_proxy(const pliant_tool *tool);
+/* Set the proxy pose. */
 void pliant_tool_set_proxy(pliant_tool *tool, const pliant_tool_pose *pose);
+/* Return the pose at a fraction of the motion between two poses. */
 pliant_tool_pose pliant_pose_partway(const pliant_tool_pose *from, const pliant_tool_pose *to, double share);
-/* Return an upper bound of the distance that any point of a part moves between two poses [m]. For the tool: of all
- * parts and the tip. */
+/* Return an upper bound of the distance that any point of a part moves between two poses [m]. */
 double pliant_part_way(const pliant_tool_shape *shape, const pliant_part *part, const pliant_tool_pose *from, const pliant_tool_pose *to);
+/* Return an upper bound of the distance that the tip and any point of the tool move between two poses [m]. */
 double pliant_tool_way(const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
 
 /* Compute the joint of the jaws [m] and their unit axis at a pose. */
 void pliant_tool_joint(const pliant_tool *tool, const pliant_tool_pose *pose, double joint[3], double axis[3]);
 /* Load of the tissue on a proxy: force and torque about the tip, and torque that opens the jaws [N, N m]. */
 typedef struct pliant_proxy_load { double wrench[6], jaw; } pliant_proxy_load;
+/* Compute the load on a proxy at a pose, from the forces of the contact points. */
 void pliant_proxy_find_load(const pliant_data *data, int tool, const pliant_tool_pose *pose, pliant_proxy_load *out);
 /* Linearize the coupling for one leg: of the tool about its tip, and of the jaws about their joint. The
  * linearization point is where the coupling yields to the load of the previous leg. Near a force limit the coupling

@@ -12,7 +12,9 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { FORMAT = 1 /* increment when the meaning of the bytes changes; the header also stores the size of the struct */ };
+enum {
+    FORMAT = 1 /* increment when the meaning of the bytes changes; the header also stores the size of the struct */
+};
 
 typedef struct header {
     char magic[8];
