@@ -228,6 +228,8 @@ inline int count_swept_through(int otherwise, Mode mode)
     std::printf("from %d to %d: %d sweeps, %d more into what is held, %d through, %d with elements inside out, deepest %.3f mm\n", first, count, count - first - held, held, through, turned,
                 1e3 * deepest);
     std::fflush(stdout);
+    const bool keeps_volumes = mode.element == PLIANT_LINEAR && !mode.dynamic && mode.method == PLIANT_FINE && mode.beside == Beside::Nothing;
+    if (keeps_volumes) EXPECT_EQ(turned, 0);
     return through;
 }
 
