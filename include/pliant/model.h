@@ -35,14 +35,16 @@ typedef struct pliant_model pliant_model; /**< opaque; pliant_model_get_* return
 
 /* ---- CREATE */
 
-/** Read the scan, the labels and the material table that a scene names. Resample and segment the scan as the scene says.
+/** Read the scan, the labels and the material table that a scene names. Resample and segment the scan as the scene
+ *  says.
  *  @param scene     The scene.
  *  @param scan_path "phantom", "phantom:256x160x122", or a path for pliant_volume_read.
  *  @param scan      Out: free with pliant_volume_free.
  *  @param labels    Out: without voxels if the scene names no labels. Free with pliant_labels_free.
  *  @param materials Out: free with pliant_material_table_free.
- *  @return Errors: as of pliant_volume_read, pliant_labels_read, pliant_segment and pliant_material_table_read; MATERIAL
- *          (the built-in table is for Hounsfield units, and the scan has other values). Outputs are then unchanged. */
+ *  @return Errors: as of pliant_volume_read, pliant_labels_read, pliant_segment and pliant_material_table_read;
+ *          MATERIAL (the built-in table is for Hounsfield units, and the scan has other values). Outputs are then
+ *          unchanged. */
 PLIANT_API pliant_status pliant_inputs_read(const pliant_scene *scene, const char *scan_path, pliant_volume *scan,
                                             pliant_labels *labels, pliant_material_table *materials);
 

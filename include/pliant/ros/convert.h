@@ -66,10 +66,12 @@ geometry_msgs::Transform transform_message(const Rigid &motion);
 
 /** CRTK: stamp 0 marks invalid data. False for it, for what rigid_from_message refuses and without frame_id. */
 bool tool_pose_from_message(const geometry_msgs::PoseStamped &message, Rigid *out, std::string *why);
-/** Read measured_cp of any robot. It was a TransformStamped before 2022, and still is on some robots (RAVEN's CRTK). @param frame Frame of a
- *  message without frame_id. Return false for any other type. */
-bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame, geometry_msgs::PoseStamped *out, std::string *why);
-/** Read the opening of a jaw [rad]. Return false for stamp 0 (allowed for a setpoint), and without a finite position. */
+/** Read measured_cp of any robot. It was a TransformStamped before 2022, and still is on some robots (RAVEN's CRTK).
+ *  @param frame Frame of a message without frame_id. Return false for any other type. */
+bool pose_from_any_message(const topic_tools::ShapeShifter &message, const std::string &frame,
+                           geometry_msgs::PoseStamped *out, std::string *why);
+/** Read the opening of a jaw [rad]. Return false for stamp 0 (allowed for a setpoint), and without a finite
+ *  position. */
 bool jaw_from_message(const sensor_msgs::JointState &message, double *angle, std::string *why, bool setpoint = false);
 
 /** Return the pose of voxel 0, 0, 0 with the axes of the grid. A left-handed grid has its third axis reversed and
@@ -93,8 +95,8 @@ std::vector<Box> changed_boxes(const int32_t count[3], const uint8_t *changed, c
 std::vector<Box> merged_boxes(std::vector<Box> boxes, size_t most);
 /** Return the intersection of two boxes. A size of 0 along an axis: it is empty. */
 Box common_box(const Box &a, const Box &b);
-/** Return the voxels with centres between two corners of a box in LPS [m], at least one voxel. For a rotated grid, it is
- *  the enclosing box of voxels. */
+/** Return the voxels with centres between two corners of a box in LPS [m], at least one voxel. For a rotated grid, it
+ *  is the enclosing box of voxels. */
 Box region_box(const pliant_geometry &geometry, const double low[3], const double high[3]);
 /** Fill a volume message. Header, scan_id, revision, sequence and since are the caller's.
  *  @param region The published region, inside the volume.
@@ -110,24 +112,28 @@ void scan_info_message(const pliant_model &model, float low, float high, ScanInf
 void topology_message(const pliant_surface &surface, MeshTopology *out);
 /** Header, revision and step are the caller's.
  *  @param positions (fine.num_nodes x 3) [m]
- *  @param contact_force (fine.num_nodes) [N], where scalar is contact_force; empty: none. Errors: as of pliant_data_scalar. *out then has no scalar. */
-pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions, pliant_scalar scalar,
-                                 const std::vector<float> &contact_force, MeshState *out);
+ *  @param contact_force (fine.num_nodes) [N], where scalar is contact_force; empty: none. Errors: as of
+ *                       pliant_data_scalar. *out then has no scalar. */
+pliant_status mesh_state_message(const pliant_model &model, const pliant_body &body, const double *positions,
+                                 pliant_scalar scalar, const std::vector<float> &contact_force, MeshState *out);
 /** As the option output/scalar calls it. */
 const char *scalar_name(pliant_scalar scalar);
 
-/** Fill the wrench of the tool on the tissue at its tip, in the axes of the frame of the tool's pose. A force that is not
- *  finite becomes zero. Header is the caller's.
+/** Fill the wrench of the tool on the tissue at its tip, in the axes of the frame of the tool's pose. A force that is
+ *  not finite becomes zero. Header is the caller's.
  *  @param frame_from_tissue Quaternion of the rotation from tissue axes to frame axes. */
-void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4], geometry_msgs::WrenchStamped *out);
+void wrench_message(const double force[3], const double torque[3], const double frame_from_tissue[4],
+                    geometry_msgs::WrenchStamped *out);
 /** The torque of a wrench about another point, in the same axes.
  *  @param torque about the point that the force acts at, at [m, N, N m] */
-void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3], double out[3]);
+void torque_about(const double point[3], const double at[3], const double force[3], const double torque[3],
+                  double out[3]);
 /** Return the total force and torque of a tool on the tissue, about its tip [N, N m]. */
 void tool_wrench(const pliant_tool_state &tool, double force[3], double torque[3]);
 /** Header is the caller's.
  *  @param clearance of pliant_tool_clearance [m] */
-void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts, ContactState *out);
+void contact_message(const pliant_tool_state &tool, double clearance, const std::vector<pliant_contact> &contacts,
+                     ContactState *out);
 /** Fill the state of a tool's blade. Header and revision are the caller's. */
 void cut_message(const pliant_tool_state &tool, Cut *out);
 /** Stages, seconds and counters of the last step. Header, percentiles, missed_deadlines and inverted are the
@@ -155,18 +161,19 @@ CutInput cut_from_message(const CutLine::Request &request, const Rigid &tissue_f
  *  @param scalar (fine.num_nodes) or empty */
 void marker_message(const pliant_surface &surface, const double *positions, const std::vector<float> &scalar,
                     visualization_msgs::Marker *out);
-/** Write a tool for stock rviz: an arrow from its tip along its force on the tissue, 5 mm a newton, at most 0.2 m. A tool without a proxy
- *  has a ball at its tip, too (grey: in the air, yellow: in the tissue, green: it holds). (A Wrench display draws its arrow at the origin of the frame, not at the tip.) Both markers have the header.
+/** Write a tool for stock rviz: an arrow from its tip along its force on the tissue, 5 mm a newton, at most 0.2 m. A
+ *  tool without a proxy has a ball at its tip, too (grey: in the air, yellow: in the tissue, green: it holds). (A
+ *  Wrench display draws its arrow at the origin of the frame, not at the tip.) Both markers have the header.
  *  @param clearance of pliant_tool_clearance [m] */
 void tool_markers_message(const pliant_tool_state &tool, double clearance, const std_msgs::Header &header,
                           visualization_msgs::MarkerArray *out);
-/** Append the shape of a tool twice: solid at its proxy, and as a ghost where the tool is measured (namespaces NAME/proxy, NAME/measured).
- *  Grey: in the air, yellow: it presses, green: it holds, red: its force limit is reached. A tool without a proxy appends nothing.
- *  Markers vanish after one second without a message. */
-void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shape &shape, const std_msgs::Header &header,
-                           visualization_msgs::MarkerArray *out);
-/** Convert a displacement field: a point for every voxel with tissue. Its fields are x, y, z (at rest), dx, dy, dz (the displacement) [m], and cut
- *  (1 near a cut). Header is the caller's. */
+/** Append the shape of a tool twice: solid at its proxy, and as a ghost where the tool is measured (namespaces
+ *  NAME/proxy, NAME/measured). Grey: in the air, yellow: it presses, green: it holds, red: its force limit is reached.
+ *  A tool without a proxy appends nothing. Markers vanish after one second without a message. */
+void shape_markers_message(const pliant_tool_state &tool, const pliant_tool_shape &shape,
+                           const std_msgs::Header &header, visualization_msgs::MarkerArray *out);
+/** Convert a displacement field: a point for every voxel with tissue. Its fields are x, y, z (at rest), dx, dy, dz (the
+ *  displacement) [m], and cut (1 near a cut). Header is the caller's. */
 void displacement_message(const pliant_displacement &field, sensor_msgs::PointCloud2 *out);
 /** Nodes with fields x, y, z, displacement [m] and, where given, scalar. Header is the caller's. */
 void points_message(const pliant_body &body, const double *positions, const std::vector<float> &scalar,
@@ -179,18 +186,21 @@ enum CameraConvention {
 };
 /** Where a camera is, from where its frame is in the tissue.
  *  @param aside Offset to the right [m], for the other eye. */
-void camera_from_frame(const Rigid &tissue_from_frame, CameraConvention convention, double aside, pliant_camera *camera);
+void camera_from_frame(const Rigid &tissue_from_frame, CameraConvention convention, double aside,
+                       pliant_camera *camera);
 /** Its calibration: no distortion. Header is the caller's.
  *  @param baseline of a stereo camera's right eye, else 0 [m] */
 void camera_info_message(const pliant_camera &camera, double baseline, sensor_msgs::CameraInfo *out);
-/** Size and pixels as a calibration has them, for pictures without distortion. Return false if it is not a valid calibration. */
+/** Size and pixels as a calibration has them, for pictures without distortion. Return false if it is not a valid
+ *  calibration. */
 bool camera_from_info(const sensor_msgs::CameraInfo &info, pliant_camera *camera);
 /** A picture with one channel of 32FC1 or 8UC1, or with three of rgb8. Header is the caller's. */
-void camera_image_message(const pliant_camera &camera, const std::string &encoding, const void *pixels, sensor_msgs::Image *out);
-/** Fill one point per pixel of a camera, in the axes of its frame: x, y, z, rgb. It is NaN without a surface. Header is the
- *  caller's. */
-void camera_points_message(const pliant_camera &camera, CameraConvention convention, const uint8_t *rgb, const float *depth,
-                           sensor_msgs::PointCloud2 *out);
+void camera_image_message(const pliant_camera &camera, const std::string &encoding, const void *pixels,
+                          sensor_msgs::Image *out);
+/** Fill one point per pixel of a camera, in the axes of its frame: x, y, z, rgb. It is NaN without a surface. Header is
+ *  the caller's. */
+void camera_points_message(const pliant_camera &camera, CameraConvention convention, const uint8_t *rgb,
+                           const float *depth, sensor_msgs::PointCloud2 *out);
 
 /** Planes of the patient, looked at as radiologists do. */
 enum Plane {
@@ -199,13 +209,13 @@ enum Plane {
     SAGITTAL  /**< right: posterior, down: inferior */
 };
 /** Fill a plane through the volume's box as 32FC1 in the volume's values (CT: Hounsfield units). Interpolation is
- *  trilinear, pixels are square with the finest spacing, and the background is outside. 32FC1 needs no window: stock rviz
- *  shows it with its own minimum and maximum. Header is the caller's.
+ *  trilinear, pixels are square with the finest spacing, and the background is outside. 32FC1 needs no window: stock
+ *  rviz shows it with its own minimum and maximum. Header is the caller's.
  *  @param fraction where the plane cuts the box along the patient axis: 0 at its right, anterior or inferior side, 1 at
  *                  the other */
 void slice_message(const pliant_volume &volume, Plane plane, double fraction, sensor_msgs::Image *out);
-/** The same with pose and spacing: a volume of one voxel's thickness (float32), whose i axis is the image's right and j its down.
- *  The caller's is as of volume_message. */
+/** The same with pose and spacing: a volume of one voxel's thickness (float32), whose i axis is the image's right and j
+ *  its down. The caller's is as of volume_message. */
 void placed_slice_message(const pliant_volume &volume, Plane plane, double fraction, Volume *out);
 
 } // namespace pliant_ros
