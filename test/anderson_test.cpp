@@ -85,7 +85,7 @@ TEST(Anderson, WithoutTimeAfterARefusalAStepGoesOnBlindly)
 // In weakly connected tissue a plain step can be metres long.
 TEST(Anderson, NoStepGoesFarBlindly)
 {
-    const double tenth = PLIANT_FARTHEST_DOUBTED * 0.1;
+    const double tenth = pliant_quasistatic().max_doubtful_step * 0.1;
     for (double made : {0.99 * tenth, 1.01 * tenth, static_cast<double>(INFINITY)}) {
         Rules rules;
         rules.evaluate(1);
@@ -94,7 +94,7 @@ TEST(Anderson, NoStepGoesFarBlindly)
         EXPECT_EQ(rules.blind, made < tenth);
         EXPECT_EQ(rules.refused, 2) << "what was refused stays so";
     }
-    for (double made : {1.01 * tenth, 1.01 * 0.1 * PLIANT_FARTHEST}) {
+    for (double made : {1.01 * tenth, 1.01 * 0.1 * pliant_quasistatic().max_displacement}) {
         Rules rules;
         rules.evaluate(1);
         rules.evaluate(0.4, true, false, made);

@@ -395,7 +395,7 @@ static pliant_status begin(opening *work, bool *led)
     }
     CUDA_TRY(advance(work, 0));
     CUDA_TRY(precondition(work, stretch, work->pulls_next, &work->norm, &work->longest));
-    *led = most > PLIANT_OPENED_HARDLY * work->longest;
+    *led = most > pliant_quasistatic().opened_still * work->longest;
     return combine(work, 0);
 }
 
@@ -505,7 +505,7 @@ extern "C" pliant_status pliant_cuda_solver_open(pliant_cuda_solver *gpu, pliant
 {
     opening work = {};
     bool led = false, regular;
-    const int32_t most = pliant_solver_open_evaluations(solver, &step->limit, PLIANT_CUDA_OPEN_PART);
+    const int32_t most = pliant_solver_open_evaluations(solver, &step->limit, pliant_quasistatic().opened_share_gpu);
     const bool goes = solver->opened && gpu->fresh && !pliant_touches_any(solver->touches) && most >= PLIANT_OPENED_LEAST;
     *evaluations = 0;
     solver->opened = false;

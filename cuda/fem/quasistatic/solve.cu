@@ -106,7 +106,7 @@ extern "C" pliant_status pliant_cuda_solver_restart(pliant_cuda_solver *gpu, con
 extern "C" pliant_status pliant_cuda_solver_move(pliant_cuda_solver *gpu, const pliant_solver *solver)
 {
     CUDA_TRY(CUDA_CALL(cudaSetDevice(gpu->device)));
-    gpu->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* as pliant_solver_moved: the axes rotate in the next step */
+    gpu->in_use.evaluations = pliant_quasistatic().rotation_interval; /* as pliant_solver_moved: the axes rotate in the next step */
     return pliant_cuda_solver_begin(gpu, solver);
 }
 
@@ -233,7 +233,7 @@ static pliant_status prepare(pliant_cuda_solver *gpu, pliant_solver *solver, con
     CUDA_TRY(pliant_cuda_solver_open(gpu, solver, step, opened));
     if (step->opened) CUDA_TRY(send_tools(gpu, solver, step, &responded)); /* forces and axes have changed */
     const pliant_anderson *limits = &solver->rules;
-    step->most_evaluations = *opened > 0 ? pliant_solver_open_evaluations(solver, &step->limit, PLIANT_CUDA_OPEN_PART) - *opened : limits->most_evaluations;
+    step->most_evaluations = *opened > 0 ? pliant_solver_open_evaluations(solver, &step->limit, pliant_quasistatic().opened_share_gpu) - *opened : limits->most_evaluations;
     step->depth = limits->depth;
     step->room = limits->room;
     step->tolerance = limits->tolerance;
@@ -318,7 +318,7 @@ static pliant_status take_step(pliant_cuda_solver *gpu, pliant_solver *solver, c
     pliant_solver_ended(solver, &gpu->in_use, state->evaluated, rules, state->step_force[state->now]);
     pliant_even_note(&solver->even, so_far.solved + so_far.opened, rules->first_merit);
     if (step.opened && state->went_back) CUDA_TRY(turn_back(gpu, solver));
-    gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > PLIANT_SERVES_BADLY;
+    gpu->in_use.served_badly = gpu->in_use.served_badly || rules->rate > pliant_quasistatic().poor_rate;
     statistics->iterations = so_far.opened + so_far.iterations;
     tell(gpu, statistics);
     statistics->error_before = so_far.error_before;

@@ -61,9 +61,6 @@ pliant_status pliant_cuda_solver_begin(pliant_cuda_solver *gpu, const pliant_sol
 pliant_status pliant_cuda_solver_size(pliant_cuda_solver *gpu, const pliant_solver *solver);
 
 /* ---- Implemented in open.cu: the first step after a cut. */
-/* Extra evaluations, as a fraction 1 / PART of a step's limit: one half. The fixed cost of a step is larger than on the
- * CPU. */
-enum { PLIANT_CUDA_OPEN_PART = 2 };
 /* Load the kernels in advance, as in carried.h. Errors: UNAVAILABLE. */
 pliant_status pliant_cuda_open_load(void);
 /* Allocate its arrays. Errors: MEMORY, UNAVAILABLE. */

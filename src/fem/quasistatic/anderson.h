@@ -16,6 +16,7 @@
 #define PLIANT_FEM_QUASISTATIC_ANDERSON_H
 
 #include "base/inline.h"
+#include "fem/quasistatic/settings.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -26,23 +27,6 @@ extern "C" {
 #endif
 
 enum { PLIANT_MAX_HISTORY = 20 };
-enum { PLIANT_MOST_REFUSED = 12, PLIANT_MOST_SLOW = 10 };
-
-/* Relative error of the secants' steps, in a trial that is evaluated before it is accepted. */
-#define PLIANT_NOISE_OF_TRIAL 1e-5
-/* Ratio of the merit after an evaluation to the merit before it. Above this value the preconditioner converges slowly,
- * and is rebuilt or applied in other axes. */
-#define PLIANT_SERVES_BADLY 0.15
-/* Number of evaluations after which the axes of the nodes are rotated (nodal_rotations.h). A rotation costs little
- * compared with them. */
-#define PLIANT_EVALUATIONS_A_TURN 2
-
-/* Limits in thousandths of the body's length (smallest_displacement). A blind step without supporting evidence moves no
- * node farther than FARTHEST_DOUBTED. Plain steps of weakly attached tissue can be metres long. A state farther than
- * FARTHEST from rest is invalid. */
-#define PLIANT_FARTHEST_DOUBTED 100.0
-#define PLIANT_FARTHEST 100000.0
-
 typedef enum pliant_anderson_next {
     PLIANT_NEXT_DONE,      /* end the step at the present state */
     PLIANT_NEXT_FIRST,     /* evaluate the initial state of the step */
@@ -130,7 +114,7 @@ PLIANT_INLINE double pliant_anderson_merit(double energy, double scale)
 PLIANT_INLINE int32_t pliant_anderson_depth(int32_t least, int32_t evaluations)
 {
     if (least == 0) return 0;
-    int32_t wanted = evaluations >= PLIANT_MAX_HISTORY ? PLIANT_MAX_HISTORY : (3 * evaluations + 1) / 2;
+    int32_t wanted = evaluations >= PLIANT_MAX_HISTORY ? PLIANT_MAX_HISTORY : (int32_t)(pliant_quasistatic().secants_per_evaluation * evaluations + 0.5);
     wanted = wanted > least ? wanted : least;
     return wanted < PLIANT_MAX_HISTORY ? wanted : PLIANT_MAX_HISTORY;
 }
@@ -172,8 +156,8 @@ PLIANT_INLINE double pliant_anderson_scale(double energy, double largest) { retu
  * explain small residuals by large motions that cancel. */
 PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t place)
 {
-    const double newest = 0.01, aged = 0.03, age = (double)(rules->num_secants - rules->number[place]);
-    return newest + aged * age * age;
+    const double age = (double)(rules->num_secants - rules->number[place]);
+    return pliant_quasistatic().estimate_noise + pliant_quasistatic().estimate_noise_growth * age * age;
 }
 
 /* Return the factor by which an unexplained error exceeds the next correction. Each evaluation leaves the fraction c of
@@ -183,16 +167,16 @@ PLIANT_INLINE double pliant_anderson_noise(const pliant_anderson *rules, int32_t
  * - c). */
 PLIANT_INLINE double pliant_anderson_unexplained(const pliant_anderson *rules)
 {
-    const double factor = 0.5, cycle = 0.7, most = 0.8;
-    return 1 / (1 - fmin(fmax(rules->is_cycle ? cycle : factor, exp(rules->log_contraction)), most));
+    const pliant_quasistatic_settings settings = pliant_quasistatic();
+    const double expected = rules->is_cycle ? settings.cycle_contraction : settings.factor_contraction;
+    return 1 / (1 - fmin(fmax(expected, exp(rules->log_contraction)), settings.max_contraction));
 }
 
 /* Return the error estimate of a node from the remaining motion of an evaluated state. The factor corrects for secants
  * that explain a little too much. */
 PLIANT_INLINE double pliant_anderson_error(double left)
 {
-    const double too_little = 1.25;
-    return too_little * left;
+    return pliant_quasistatic().error_safety * left;
 }
 
 /* Return the number of iterations of a step: its evaluations without the final trial that replaces a blind step. */
@@ -213,7 +197,7 @@ PLIANT_INLINE void pliant_anderson_reset(pliant_anderson *rules)
     rules->refused = rules->limited = rules->slow = rules->blind = rules->refused_any = rules->last_evaluations = 0;
     rules->sound_merit = rules->rate = rules->descent = 0;
     rules->error = rules->error_before = rules->told = 0;
-    rules->log_contraction = log(0.3);
+    rules->log_contraction = log(pliant_quasistatic().expected_contraction);
     rules->next = PLIANT_NEXT_DONE;
     pliant_anderson_forget(rules);
 }
@@ -247,7 +231,7 @@ PLIANT_INLINE void pliant_anderson_first(pliant_anderson *rules, bool sound)
 PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double merit, bool falls)
 {
     if (merit < rules->merit) {
-        const double weight = 0.2, least = 1e-3;
+        const double weight = pliant_quasistatic().contraction_weight, least = 1e-3;
         if (rules->accepted) rules->log_contraction += weight * (log(fmax(merit / rules->merit, least)) - rules->log_contraction);
         rules->keep = isfinite(merit) && rules->depth > 0 ? 0 : -1;
         rules->take = rules->accepted = 1;
@@ -267,7 +251,7 @@ PLIANT_INLINE void pliant_anderson_judge_trial(pliant_anderson *rules, double me
 /* Judge the evaluated state. Return true if `next` already holds the next action. */
 PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double merit, bool falls)
 {
-    const double too_high = 2;
+    const double too_high = pliant_quasistatic().max_blind_growth;
     const bool lower = merit < rules->merit;
     switch (rules->next) {
     case PLIANT_NEXT_FIRST:
@@ -309,20 +293,20 @@ PLIANT_INLINE bool pliant_anderson_judge_state(pliant_anderson *rules, double me
  * a collapse. */
 PLIANT_INLINE bool pliant_anderson_finish(pliant_anderson *rules)
 {
-    const double slow = 0.9; /* ratio of successive merits */
+    const double slow = pliant_quasistatic().slow_rate; /* ratio of successive merits */
     const int32_t steps = rules->evaluations - 1;
     rules->last_evaluations = rules->evaluations;
     rules->rate = steps > 0 && rules->first_merit > 0 ? pow(rules->merit / rules->first_merit, 1.0 / steps) : 0.0;
     if (rules->accepted) rules->refused = 0;
     rules->slow = rules->rate > slow && !rules->converged ? rules->slow + 1 : 0;
-    if (rules->refused < PLIANT_MOST_REFUSED && rules->slow < PLIANT_MOST_SLOW) return true;
+    if (rules->refused < pliant_quasistatic().max_refused && rules->slow < pliant_quasistatic().max_slow) return true;
     rules->refused = rules->slow = 0;
     return false;
 }
 
 PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
 {
-    const double still_true = 30; /* largest used secant as a multiple of the merit */
+    const double still_true = pliant_quasistatic().secant_limit; /* largest used secant as a multiple of the merit */
     rules->limited = rules->refused == 2 && !rules->limited && isfinite(rules->merit) && rules->limits_secants;
     rules->mixes = rules->refused < 2 || rules->limited;
     rules->largest_secant = rules->limited ? pow(still_true * rules->merit, 2.0) : INFINITY;
@@ -338,7 +322,7 @@ PLIANT_INLINE void pliant_anderson_propose(pliant_anderson *rules)
  * A step that would not end blindly has another trial instead. */
 PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, double slope, int32_t affordable)
 {
-    const double went_well = 0.5; /* ratio of successive merits */
+    const double went_well = pliant_quasistatic().good_rate; /* ratio of successive merits */
     const bool falls = isfinite(merit) && slope > 0;
     rules->evaluations++;
     rules->take = rules->forget = 0;
@@ -346,7 +330,7 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     if (pliant_anderson_judge_state(rules, merit, falls)) return;
     if (rules->keep == 0) rules->keep = pliant_anderson_place(rules);
     if (rules->forget) pliant_anderson_forget(rules);
-    if (rules->refused >= PLIANT_MOST_REFUSED && rules->descent > 0) {
+    if (rules->refused >= pliant_quasistatic().max_refused && rules->descent > 0) {
         /* The merit has a minimum here that is no equilibrium, next to a state that the tissue leaves by snapping. The
          * potential energy still decreases. */
         rules->next = PLIANT_NEXT_DESCENT;
@@ -357,7 +341,7 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
     pliant_anderson_propose(rules);
     const int32_t iterations = rules->most_evaluations + 1 - rules->evaluations, left = iterations < affordable ? iterations : affordable;
     const bool goes_on = rules->accepted ? rules->refused == 0 && rules->merit < went_well * rules->before : isfinite(rules->merit);
-    if (rules->refused < PLIANT_MOST_REFUSED && !rules->last && (left > 1 || (left == 1 && !goes_on))) {
+    if (rules->refused < pliant_quasistatic().max_refused && !rules->last && (left > 1 || (left == 1 && !goes_on))) {
         rules->last = left == 1;
         rules->next = PLIANT_NEXT_TRIAL;
         return;
@@ -371,7 +355,7 @@ PLIANT_INLINE void pliant_anderson_judge(pliant_anderson *rules, double merit, d
  * @param made   Largest motion of a node by the proposal [m]. */
 PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, double left, double made, double displacement)
 {
-    const double foreseen = 0.3;
+    const double foreseen = pliant_quasistatic().expected_contraction;
     /* Rounding has made the secants' products inconsistent; no step can use them. */
     const bool useless = rules->mixes && !mixed && pliant_anderson_secants(rules) > 0;
     rules->mixes = rules->mixes && mixed;
@@ -385,7 +369,7 @@ PLIANT_INLINE void pliant_anderson_settle(pliant_anderson *rules, bool mixed, do
     }
     if (rules->forget) pliant_anderson_forget(rules);
     const bool ends = rules->next == PLIANT_NEXT_BLIND, doubted = !rules->accepted && !(rules->refused == 0 && rules->mixes);
-    if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded ? PLIANT_FARTHEST_DOUBTED : PLIANT_FARTHEST))) rules->next = PLIANT_NEXT_DONE;
+    if (ends && !(made <= rules->smallest_displacement * (doubted && !rules->is_bounded ? pliant_quasistatic().max_doubtful_step : pliant_quasistatic().max_displacement))) rules->next = PLIANT_NEXT_DONE;
     if (!ends) return;
     /* Until the final state is evaluated. */
     if (rules->next == PLIANT_NEXT_BLIND && rules->refused == 0) rules->error *= foreseen;

@@ -37,7 +37,7 @@ pliant_axes pliant_solver_axes(const pliant_solver *solver, const pliant_in_use 
     bool waits = in_use->rough;
     for (int t = 0; t < PLIANT_MAX_TOOLS; t++)
         waits = waits || (pliant_handle_is_spring(solver->handles + t) && solver->handles[t].response_of == in_use->number);
-    if (!waits) return !in_use->turned || in_use->evaluations >= PLIANT_EVALUATIONS_A_TURN ? PLIANT_AXES_TURN : PLIANT_AXES_STAY;
+    if (!waits) return !in_use->turned || in_use->evaluations >= pliant_quasistatic().rotation_interval ? PLIANT_AXES_TURN : PLIANT_AXES_STAY;
     const bool follows = !in_use->renews && in_use->served_badly && interval > 0 && step >= in_use->turned_at + interval;
     return follows ? PLIANT_AXES_TURN_AND_FORGET : PLIANT_AXES_STAY;
 }

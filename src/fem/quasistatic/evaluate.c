@@ -79,7 +79,7 @@ pliant_status pliant_solver_evaluate(pliant_solver *solver, pliant_known known, 
     if (pliant_touches_any(solver->touches)) pliant_touches_load(solver->touches, at->residual);
     find_residual(solver, at);
     at->merit = INFINITY;
-    const bool sensible = isfinite(at->scale) && at->displacement <= PLIANT_FARTHEST * solver->rules.smallest_displacement;
+    const bool sensible = isfinite(at->scale) && at->displacement <= pliant_quasistatic().max_displacement * solver->rules.smallest_displacement;
     if (!sensible) return PLIANT_OK; /* an invalid state is never accepted */
     const bool touches = pliant_touches_any(solver->touches);
     pliant_status status = known == PLIANT_KNOWN_STEP ? PLIANT_OK

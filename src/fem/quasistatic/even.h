@@ -5,12 +5,13 @@
 #define PLIANT_FEM_QUASISTATIC_EVEN_H
 
 #include "base/inline.h"
+#include "fem/quasistatic/settings.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { PLIANT_EVEN_STEPS = 255, PLIANT_EVEN_FIRST = 31 };
+enum { PLIANT_EVEN_STEPS = 255 };
 
 typedef struct pliant_even {
     uint64_t count; /* number of steps since the start */
@@ -29,7 +30,7 @@ static inline void pliant_even_restart(pliant_even *even) { even->count = 0; }
 static inline void pliant_even_note(pliant_even *even, int32_t evaluations, double first_merit)
 {
     /* After a dozen steps, motion that has begun counts as normal. */
-    const double weight = fmax(0.02, 1.0 / (double)(even->count + 1));
+    const double weight = fmax(pliant_quasistatic().even_weight, 1.0 / (double)(even->count + 1));
     if (isfinite(first_merit)) even->merit = weight < 1 ? even->merit + weight * (first_merit - even->merit) : first_merit;
     even->evaluations[even->count++ % PLIANT_EVEN_STEPS] = (uint8_t)(evaluations < UINT8_MAX ? evaluations : UINT8_MAX);
 }
@@ -40,15 +41,14 @@ static inline pliant_even_limit pliant_even_next(const pliant_even *even, bool l
     const int32_t known = even->count < PLIANT_EVEN_STEPS ? (int32_t)even->count : PLIANT_EVEN_STEPS;
     int32_t median = 0, below = 0;
     pliant_even_limit limit = {INT32_MAX, 0};
-    if (!live || known < PLIANT_EVEN_FIRST) return limit;
+    if (!live || known < pliant_quasistatic().even_first) return limit;
     while (2 * below <= known) {
         median++;
         below = 0;
         for (int32_t s = 0; s < known; s++) below += even->evaluations[s] <= median;
     }
-    limit.evaluations = 2 * median;
-    limit.sudden = 4 * even->merit; /* Smooth motion begins a step with up to 1.6 times the mean merit; a jump of 2 cm
-                                     * has over 30 times the mean. */
+    limit.evaluations = pliant_quasistatic().even_limit * median;
+    limit.sudden = pliant_quasistatic().even_sudden * even->merit;
     return limit;
 }
 

@@ -96,7 +96,7 @@ static pliant_status begin(const pliant_solver *solver, newton_step *found, bool
  * taken with length 1. */
 static bool is_led(const pliant_solver *solver, const newton_step *found)
 {
-    const double hardly = PLIANT_OPENED_HARDLY * longest(solver, found->along);
+    const double hardly = pliant_quasistatic().opened_still * longest(solver, found->along);
     double most = 0;
     for (int t = 0; t < found->held.num_tools; t++) {
         double stretch[3];

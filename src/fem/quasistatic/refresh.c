@@ -353,7 +353,7 @@ pliant_status pliant_refresh_step(pliant_solver *solver, pliant_statistics *stat
         if (status != PLIANT_OK) return status;
     }
     refresh = solver->refresh;
-    refresh->wanted = refresh->wanted || solver->rules.rate > PLIANT_SERVES_BADLY;
+    refresh->wanted = refresh->wanted || solver->rules.rate > pliant_quasistatic().poor_rate;
     bool due = solver->refresh_interval > 0 && step >= refresh->started + (uint64_t)solver->refresh_interval && refresh->wanted;
     if (refresh->running || (!due && pliant_preconditioner_base(solver->preconditioner) == NULL)) return PLIANT_OK;
     memcpy(refresh->x, solver->now.x, 3 * (size_t)solver->system->mesh->num_nodes * sizeof *refresh->x);

@@ -35,7 +35,7 @@ void pliant_solver_moved(pliant_solver *solver)
     pliant_solver_forget(solver);
     pliant_anderson_moved(&solver->rules);
     pliant_even_restart(&solver->even);
-    solver->in_use.evaluations = PLIANT_EVALUATIONS_A_TURN; /* the axes rotate in the next step */
+    solver->in_use.evaluations = pliant_quasistatic().rotation_interval; /* the axes rotate in the next step */
     solver->opened = false;
 }
 

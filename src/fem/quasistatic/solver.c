@@ -175,7 +175,7 @@ pliant_even_limit pliant_solver_limit(const pliant_solver *solver)
 static int32_t first_evaluations(const pliant_solver *solver, const step_time *time)
 {
     const pliant_even_limit none = {INT32_MAX, 0};
-    const int32_t part = 3;
+    const int32_t part = pliant_quasistatic().opened_share;
     if (!(solver->budget > 0)) return pliant_solver_open_evaluations(solver, &time->limit, part);
     const int32_t possible = affordable(solver, time, INFINITY), allowed = pliant_solver_open_evaluations(solver, &none, part);
     return possible < allowed ? possible : allowed;

@@ -69,11 +69,9 @@ pliant_status pliant_solver_wake(pliant_solver *solver)
     return PLIANT_OK;
 }
 
-static const double rate = 5e9; /* operations per second of a typical core */
-
 /* Return the number of steps for background work, from its operations at a fixed rate. The result is the same on every
  * machine, and steps seldom wait. A late factor is less accurate (test/bench/bench_budget). */
-static int32_t steps_for(double operations, double step) { return (int32_t)fmin(ceil(operations / rate / step), 99998); }
+static int32_t steps_for(double operations, double step) { return (int32_t)fmin(ceil(operations / pliant_quasistatic().background_rate / step), 99998); }
 
 static void set_delays(const pliant_scene *scene, pliant_solver *solver)
 {
@@ -112,7 +110,7 @@ pliant_status pliant_solver_create_without(const pliant_scene *scene, const plia
     double length = 0;
     for (int d = 0; d < 3; d++) length = fmax(length, system->mesh->cells[d] * system->mesh->cell_size[d]);
     /* Lower bound of the displacement for the tolerance: a thousandth of the body's length. */
-    rules->smallest_displacement = 1e-3 * length;
+    rules->smallest_displacement = pliant_quasistatic().smallest_displacement * length;
     solver->smallest_scale = rules->smallest_displacement * sqrt(system->mean_diagonal);
     if (!pliant_solves_fine(system)) solver->dense_weights = pliant_room((size_t)system->num_free, 9 * sizeof *solver->dense_weights);
     solver->now.x = pliant_room((size_t)system->mesh->num_nodes, 3 * sizeof *solver->now.x);
