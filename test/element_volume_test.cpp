@@ -69,12 +69,12 @@ struct Leg {
 
 void expect_kept(const Leg &leg, const std::vector<double> &share, int number)
 {
-    const pliant_volume_rule rule = pliant_volume_rule_default();
+    const pliant_contact_settings settings = pliant_contact_settings_default();
     for (int n = 0; n <= 40; n++) {
         const std::vector<double> x = leg.at(n / 40.0, share);
         for (int32_t t = 0; t < leg.mesh.num_tets; t++) {
             const double begin = leg.ratio(t, leg.from);
-            if (begin > 0) ASSERT_GE(leg.ratio(t, x), std::min(rule.floor, begin) * (1 - 1e-9)) << number << ": " << t << " at " << n / 40.0;
+            if (begin > 0) ASSERT_GE(leg.ratio(t, x), std::min(0.5 * settings.volume_stop, begin) * (1 - 1e-9)) << number << ": " << t << " at " << n / 40.0;
         }
     }
 }
@@ -82,7 +82,7 @@ void expect_kept(const Leg &leg, const std::vector<double> &share, int number)
 TEST(Volume, NoElementInvertsInALeg)
 {
     std::mt19937 random(1);
-    const pliant_volume_rule rule = pliant_volume_rule_default();
+    const pliant_contact_settings settings = pliant_contact_settings_default();
     int limited = 0;
     for (int number = 0; number < 200; number++) {
         Leg leg(2);
@@ -90,11 +90,11 @@ TEST(Volume, NoElementInvertsInALeg)
         leg.to = leg.from;
         leg.shake(random, leg.to, number % 2 ? 0.02 : 0.004);
         std::vector<double> share(leg.mesh.num_nodes);
-        const int32_t count = pliant_volume_hold_back(&rule, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data());
+        const int32_t count = pliant_volume_hold_back(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data());
         limited += count > 0;
         EXPECT_EQ(count == 0, *std::min_element(share.begin(), share.end()) == 1);
         expect_kept(leg, share, number);
-        const double time = pliant_volume_advance(&rule, &leg.mesh, leg.from.data(), leg.to.data(), nullptr);
+        const double time = pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr);
         expect_kept(leg, std::vector<double>(leg.mesh.num_nodes, time), number);
         EXPECT_EQ(count == 0, time == 1);
     }
@@ -103,39 +103,39 @@ TEST(Volume, NoElementInvertsInALeg)
 
 TEST(Volume, ALegThatMovesEverythingTogetherIsNotShortened)
 {
-    const pliant_volume_rule rule = pliant_volume_rule_default();
+    const pliant_contact_settings settings = pliant_contact_settings_default();
     Leg leg(2);
     for (size_t i = 0; i < leg.to.size(); i++) leg.to[i] += 0.3;
     std::vector<double> share(leg.mesh.num_nodes);
-    EXPECT_EQ(pliant_volume_hold_back(&rule, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data()), 0);
-    EXPECT_EQ(pliant_volume_advance(&rule, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
+    EXPECT_EQ(pliant_volume_hold_back(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr, share.data()), 0);
+    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
 }
 
 TEST(Volume, ElementsOfPiecesAndInvertedOnesAreExempt)
 {
-    const pliant_volume_rule rule = pliant_volume_rule_default();
+    const pliant_contact_settings settings = pliant_contact_settings_default();
     Leg leg(1);
     for (double &value : leg.to) value = 0.005;
     const std::vector<int32_t> piece(leg.mesh.num_nodes, 0);
-    EXPECT_LT(pliant_volume_advance(&rule, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
-    EXPECT_EQ(pliant_volume_advance(&rule, &leg.mesh, leg.from.data(), leg.to.data(), piece.data()), 1);
+    EXPECT_LT(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
+    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), piece.data()), 1);
     for (size_t i = 0; i < leg.from.size(); i += 3) leg.from[i] = -leg.from[i]; // a mirror image
-    EXPECT_EQ(pliant_volume_advance(&rule, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
+    EXPECT_EQ(pliant_volume_advance(&settings, &leg.mesh, leg.from.data(), leg.to.data(), nullptr), 1);
 }
 
 // The gap is 3 V / A less the height to keep, and its gradient that of finite differences.
 TEST(Volume, PointsOfSmallElementsHaveTheGradientOfTheVolume)
 {
     std::mt19937 random(2);
-    const pliant_volume_rule rule = pliant_volume_rule_default();
+    const pliant_contact_settings settings = pliant_contact_settings_default();
     int found = 0;
     for (int number = 0; number < 50; number++) {
         Leg leg(1);
         leg.shake(random, leg.from, 0.006);
         pliant_contacts points{};
-        ASSERT_EQ(pliant_volume_find(&rule, &leg.mesh, leg.from.data(), nullptr, &points), PLIANT_OK);
+        ASSERT_EQ(pliant_volume_find(&settings, &leg.mesh, leg.from.data(), nullptr, &points), PLIANT_OK);
         int small = 0;
-        for (int32_t t = 0; t < leg.mesh.num_tets; t++) small += leg.ratio(t, leg.from) < rule.near;
+        for (int32_t t = 0; t < leg.mesh.num_tets; t++) small += leg.ratio(t, leg.from) < settings.volume_near;
         ASSERT_EQ(points.count, small);
         for (int32_t p = 0; p < points.count; p++) {
             const pliant_contact_point &point = points.point[p];
@@ -158,7 +158,7 @@ TEST(Volume, PointsOfSmallElementsHaveTheGradientOfTheVolume)
                     if (k == 0) area += 3 * slope * point.normal[d];
                     if (k > 0) EXPECT_NEAR(3 * slope / area, gradient[k][d], 1e-5);
                 }
-            EXPECT_NEAR(gap, 3 * (leg.volume(t, leg.from) - rule.stop * std::fabs(leg.volume(t, leg.rest))) / area, 1e-8);
+            EXPECT_NEAR(gap, 3 * (leg.volume(t, leg.from) - settings.volume_stop * std::fabs(leg.volume(t, leg.rest))) / area, 1e-8);
             if (p > 0) EXPECT_LT(points.point[p - 1].feature, point.feature);
             found++;
         }

@@ -25,9 +25,24 @@ PLIANT_INLINE void pliant_advance_cross(const double *a, const double *b, double
  * above this limit does not shorten the leg. */
 PLIANT_INLINE double pliant_advance_limit(const pliant_contact_settings *settings, double guard, double distance)
 {
+    const double floor = 0.02;  /* fraction of the guard: nearer pairs may only separate */
     const double slack = 1e-12; /* tolerance, so that rounding does not block tissue that moves with a part [m] */
     return fmax(fmin(settings->advance_keep * distance, settings->advance_stop * guard),
-                fmin(settings->advance_floor * guard, distance - slack));
+                fmin(floor * guard, distance - slack));
+}
+
+/* Numerical constants of conservative advancement. Stopping early is safe, so they trade time for the last 2 % of the
+ * way. Rounding never leads beyond a bound of which 0.999 is taken. */
+enum { PLIANT_ADVANCE_ITERATIONS = 64 };
+#define PLIANT_ADVANCE_SAFETY 0.999
+#define PLIANT_ADVANCE_LITTLE 1e-3 /* fraction of the leg that is little progress */
+
+/* Whether a pair that gained a step, and is this distance above its limit, has come as far as it can. */
+PLIANT_INLINE bool pliant_advance_ends(int32_t iterations, double step, double distance, double limit)
+{
+    const double least_step = 1e-7, near_limit = 0.02;
+    return iterations >= PLIANT_ADVANCE_ITERATIONS || step < least_step ||
+           (distance < near_limit * limit && step < PLIANT_ADVANCE_LITTLE);
 }
 
 /* Return the largest s for which distance + rate s - bend s^2 / 2 is not negative anywhere in [0, s]; bend >= 0. */

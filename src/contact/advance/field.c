@@ -18,7 +18,6 @@ enum {
     MOST_PIECES = 20000,
     MOST_ALONG = 5 /* points along an axis */
 };
-static const double steepest = 1.7320508; /* slope of a field between its points: at most 1 along each axis */
 static const double enough = 0.9;         /* fraction of the lowest distance found */
 static const double smallest = 1e-4;      /* fraction of a cell: smaller distances are not resolved */
 static const double close_time = 0.02;    /* fraction of the gained time: times that differ by less count as equal */
@@ -80,7 +79,7 @@ static bool is_inside_grid(const pliant_part *core, const double p[3])
 /* Lower bound of the distance in the bounding sphere, from the distance at its center. */
 static double by_way(const pliant_part *core, const region *of, double distance)
 {
-    return distance - (is_inside_grid(core, of->middle) ? steepest : 1) * of->radius;
+    return distance - (is_inside_grid(core, of->middle) ? PLIANT_FIELD_SLOPE : 1) * of->radius;
 }
 
 /* List the coordinates of a box along an axis: its ends and the grid points between them, clipped to the grid.

@@ -16,12 +16,6 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_ITERATIONS = 64 };
-static const double part_of_step = 0.999; /* margin for rounding */
-static const double near_limit = 0.02; /* relative to the limit: a pair that is so near to it, and gains little, ends */
-static const double steepest = 1.7320508; /* slope of a field between its points */
-static const double little = 1e-3, least_step = 1e-7;
-
 /* A pair at one time. */
 typedef struct moment {
     const pliant_advance_motion *motion;
@@ -186,7 +180,7 @@ static double by_speed(const moment *now)
         fastest = fmax(fastest, pliant_advance_length(rate));
     }
     fastest += motion->speed;
-    if (pliant_part_grain(&motion->core) > 0) fastest *= steepest;
+    if (pliant_part_grain(&motion->core) > 0) fastest *= PLIANT_FIELD_SLOPE;
     return fastest > 0 ? fmin(now->left, (now->cut.least - now->limit) / fastest) : now->left;
 }
 
@@ -221,7 +215,7 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
         const double before = pair->t;
         pair->t = pliant_field_free(motion, triangle, before, now.limit, distances);
         pair->iterations++;
-        return pair->t >= 1 || pair->iterations >= MOST_ITERATIONS || pair->t - before < little;
+        return pair->t >= 1 || pair->iterations >= PLIANT_ADVANCE_ITERATIONS || pair->t - before < PLIANT_ADVANCE_LITTLE;
     }
     if (step < now.left) step = fmax(step, turning_plane(&now));
     if (step < now.left) step = fmax(step, fixed_plane(&now));
@@ -229,8 +223,7 @@ bool pliant_advance_pair_step(const pliant_contact_settings *settings, const pli
         pair->t = 1;
         return true;
     }
-    pair->t += part_of_step * step;
+    pair->t += PLIANT_ADVANCE_SAFETY * step;
     pair->iterations++;
-    return pair->iterations >= MOST_ITERATIONS || step < least_step ||
-           (distance < near_limit * now.limit && step < little);
+    return pliant_advance_ends(pair->iterations, step, distance, now.limit);
 }

@@ -10,8 +10,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_ITERATIONS = 64, FIRST_PAIRS = 1024, FIRST_OPEN = 256 };
-static const double part_of_step = 0.999, near_limit = 0.02, little = 1e-3, least_step = 1e-7;
+enum { FIRST_PAIRS = 1024, FIRST_OPEN = 256 };
 
 /* ---- the broad phase */
 
@@ -313,10 +312,9 @@ static bool step(const search *on, pliant_advance_self_pair *pair, int64_t *dist
         pair->t = 1;
         return true;
     }
-    pair->t += part_of_step * ahead;
+    pair->t += PLIANT_ADVANCE_SAFETY * ahead;
     pair->iterations++;
-    return pair->iterations >= MOST_ITERATIONS || ahead < least_step ||
-           (now.distance - pair->limit < near_limit * pair->limit && ahead < little);
+    return pliant_advance_ends(pair->iterations, ahead, now.distance - pair->limit, pair->limit);
 }
 
 /* ---- a leg */

@@ -6,11 +6,6 @@
 
 #include <string.h>
 
-pliant_volume_rule pliant_volume_rule_default(void)
-{
-    return (pliant_volume_rule){.near = 0.3, .stop = 0.1, .keep = 0.1, .floor = 0.05};
-}
-
 static void subtract(const double *a, const double *b, double out[3])
 {
     for (int d = 0; d < 3; d++) out[d] = a[d] - b[d];
@@ -113,16 +108,16 @@ void pliant_volume_gradient(const pliant_contact_point *point, const double *pos
     }
 }
 
-pliant_status pliant_volume_find(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *positions,
-                                 const int32_t *piece_of_node, pliant_contacts *out)
+pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
+                                 const double *positions, const int32_t *piece_of_node, pliant_contacts *out)
 {
     for (int32_t t = 0; t < mesh->num_tets; t++) {
         const int32_t *tet = mesh->tets + 4 * (size_t)t;
         const double rest = volume_of(tet, mesh->rest);
-        if (volume_of(tet, positions) >= rule->near * rest || is_of_piece(tet, piece_of_node)) continue;
+        if (volume_of(tet, positions) >= settings->volume_near * rest || is_of_piece(tet, piece_of_node)) continue;
         pliant_status status = pliant_contacts_reserve(out, out->count + 1);
         if (status != PLIANT_OK) return status;
-        set_point(t, tet, positions, rule->stop * rest, out->point + out->count);
+        set_point(t, tet, positions, settings->volume_stop * rest, out->point + out->count);
         out->count++;
     }
     return PLIANT_OK;
@@ -159,12 +154,13 @@ static double find_time(const double b[4], double limit, int levels)
     return time < 1 ? 0.5 * time : 0.5 + 0.5 * find_time(right, limit, levels - 1);
 }
 
-static double limit_of(const pliant_volume_rule *rule, double rest, double from)
+static double limit_of(const pliant_contact_settings *settings, double rest, double from)
 {
-    return fmax(fmin(rule->keep * from, rule->stop * rest), fmin(rule->floor * rest, from));
+    const double stop = settings->volume_stop;
+    return fmax(fmin(settings->advance_keep * from, stop * rest), fmin(0.5 * stop * rest, from));
 }
 
-double pliant_volume_advance(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
+double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                              const double *to, const int32_t *piece_of_node)
 {
     double least = 1;
@@ -173,7 +169,7 @@ double pliant_volume_advance(const pliant_volume_rule *rule, const pliant_mesh *
         double coefficient[4];
         if (is_of_piece(tet, piece_of_node)) continue;
         find_coefficients(tet, from, to, coefficient);
-        const double limit = limit_of(rule, volume_of(tet, mesh->rest), coefficient[0]);
+        const double limit = limit_of(settings, volume_of(tet, mesh->rest), coefficient[0]);
         if (coefficient[0] > 0) least = fmin(least, find_time(coefficient, limit, LEVELS));
     }
     return least;
@@ -190,7 +186,8 @@ static void place(const int32_t tet[4], const double *from, const double *to, co
 }
 
 /* Shorten the motion of an element's nodes until it keeps its volume. Return whether it was too small. */
-static bool hold_back(const pliant_volume_rule *rule, const int32_t tet[4], const double *rest, const double *from,
+static bool hold_back(const pliant_contact_settings *settings, const int32_t tet[4], const double *rest,
+                      const double *from,
                       const double *to, double *share)
 {
     static const int32_t own[4] = {0, 1, 2, 3};
@@ -199,12 +196,12 @@ static bool hold_back(const pliant_volume_rule *rule, const int32_t tet[4], cons
     place(tet, from, to, share, end);
     find_coefficients(own, &begin[0][0], &end[0][0], coefficient);
     if (!(coefficient[0] > 0)) return false; /* inverted at the start */
-    const double time = find_time(coefficient, limit_of(rule, volume_of(tet, rest), coefficient[0]), LEVELS);
+    const double time = find_time(coefficient, limit_of(settings, volume_of(tet, rest), coefficient[0]), LEVELS);
     for (int k = 0; k < 4; k++) share[tet[k]] *= time;
     return time < 1;
 }
 
-int32_t pliant_volume_hold_back(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
+int32_t pliant_volume_hold_back(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                                 const double *to, const int32_t *piece_of_node, double *share)
 {
     enum { MOST = 16 };
@@ -214,7 +211,7 @@ int32_t pliant_volume_hold_back(const pliant_volume_rule *rule, const pliant_mes
         count = 0;
         for (int32_t t = 0; t < mesh->num_tets; t++) {
             const int32_t *tet = mesh->tets + 4 * (size_t)t;
-            if (!is_of_piece(tet, piece_of_node)) count += hold_back(rule, tet, mesh->rest, from, to, share);
+            if (!is_of_piece(tet, piece_of_node)) count += hold_back(settings, tet, mesh->rest, from, to, share);
         }
         if (pass == 0) first = count;
     }

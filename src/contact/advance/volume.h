@@ -13,42 +13,35 @@
 #define PLIANT_CONTACT_VOLUME_H
 
 #include "contact/contact.h"
+#include "contact/settings.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-typedef struct pliant_volume_rule {
-    double near;  /* fraction of the rest volume; 0.3: a smaller element gets a contact point */
-    double stop;  /* fraction of the rest volume; 0.1: contact points keep it */
-    double keep;  /* fraction of the volume at the start of a leg that the leg leaves; 0.1, as pliant_advance_rule */
-    double floor; /* fraction of the rest volume; 0.05: lower limit for every leg */
-} pliant_volume_rule;
-pliant_volume_rule pliant_volume_rule_default(void);
-
-/* Append a contact point for each element below `near`, ascending by feature.
+/* Append a contact point for each element below the fraction volume_near of its rest volume, ascending by feature.
  * @param positions (nodes x 3) [m]
  * @param piece_of_node Nullable: (nodes) rigid piece or -1; elements of pieces have no point
  * Errors: MEMORY. */
-pliant_status pliant_volume_find(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *positions,
-                                 const int32_t *piece_of_node, pliant_contacts *out);
+pliant_status pliant_volume_find(const pliant_contact_settings *settings, const pliant_mesh *mesh,
+                                 const double *positions, const int32_t *piece_of_node, pliant_contacts *out);
 
 /* Compute the gradient of the gap of such a point for each of its nodes. positions: (nodes x 3) [m] */
 void pliant_volume_gradient(const pliant_contact_point *point, const double *positions, double out[4][3]);
 
-/* Shorten the motion of nodes so that no element becomes too small during the leg. The limit is max(min(keep V,
- * stop V_rest), min(floor V_rest, V)), where V is the element's volume at the start. All nodes move along straight
- * lines in the same time. Elements that are inverted at the start are exempt.
+/* Shorten the motion of nodes so that no element becomes too small during the leg. The limit is
+ * max(min(advance_keep V, volume_stop V_rest), min(volume_stop V_rest / 2, V)), where V is the element's volume at the
+ * start. All nodes move along straight lines in the same time. Elements that are inverted at the start are exempt.
  * @param from, to (nodes x 3) positions at both ends of the leg [m]
  * @param piece_of_node as above
  * @param share (nodes) out: fraction of its motion that each node may make
  * @return number of elements that would have been too small; 0: all fractions are 1 */
-int32_t pliant_volume_hold_back(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
+int32_t pliant_volume_hold_back(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                                 const double *to, const int32_t *piece_of_node, double *share);
 
 /* Return the largest fraction of a leg in which no element becomes smaller than that limit, if all nodes make the
  * same fraction of their motion. Parameters as above. */
-double pliant_volume_advance(const pliant_volume_rule *rule, const pliant_mesh *mesh, const double *from,
+double pliant_volume_advance(const pliant_contact_settings *settings, const pliant_mesh *mesh, const double *from,
                              const double *to, const int32_t *piece_of_node);
 
 #ifdef __cplusplus

@@ -272,7 +272,7 @@ static void keep_if_deeper(const search *on, pliant_feature *of, double gap, dou
 {
     const pliant_contact_settings *settings = &on->finder->settings;
     const double left = on->part->guard - on->part->off;
-    const double sag = fmin(fmin(fmin(settings->sag_of_edge * size, settings->sag_of_part * pliant_part_depth(on->part->part)), settings->max_sag), settings->sag_of_guard * left);
+    const double sag = fmin(fmin(settings->sag_of_edge * size, settings->max_sag), settings->sag_of_guard * left);
     of->touches = of->touches && of->gap < gap + (has_pressed(on, of) ? sag : -sag);
     if (!of->touches) of->gap = INFINITY;
 }

@@ -362,7 +362,7 @@ static int32_t find_opposite(const pliant_body *body, const pliant_cut_face *fac
         const side q = {faces + slots[low].side / 2, slots[low].side % 2};
         meeting met;
         if (tet_of(&q) == tet_of(&p) || (own >= 0 && piece[body->fine.tets[4 * (size_t)tet_of(&q)]] == own)) continue;
-        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > rule->settings->opposite) || !(met.gap <= rule->margin) || !(met.gap > -rule->settings->slide_depth * sqrt(size)) || met.off > size) continue;
+        if (!look_at_sides(body, &p, &q, positions, &met) || !(met.facing > 2 + 2 * rule->settings->opposite_cosine) || !(met.gap <= rule->margin) || !(met.gap > -rule->settings->self_border * sqrt(size)) || met.off > size) continue;
         if ((found >= 0 && !(met.off < best->off)) || !moves(body, &p, &q)) continue;
         found = slots[low].side;
         *best = met;

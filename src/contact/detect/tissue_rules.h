@@ -222,7 +222,7 @@ PLIANT_INLINE void pliant_tissue_try_skin(const pliant_tissue_view *on, int32_t 
     if (!pliant_tissue_look_down(on, skin, point, one.weight, &one.gap) || !(one.gap <= pliant_tissue_margin_of(on, node, skin))) return;
     const double least = fmin(one.weight[0], fmin(one.weight[1], one.weight[2]));
     /* tolerance for the triangle of the previous contact, so that the contact does not change with every step */
-    const double border = on->settings.border;
+    const double border = on->settings.self_border;
     const bool holds = on->last[index] == skin && one.gap > -border * on->shortest;
     if (least < (holds ? -border : -PLIANT_TISSUE_BORDER)) return;
     if (pliant_tissue_is_near(on, index, tet) || !pliant_tissue_can_move(on, node, skin)) return;

@@ -281,8 +281,6 @@ static double descend_face(const pliant_part *part, const double at[3][3], doubl
 
 enum { DEEPEST = 8 /* maximum number of subdivisions */, MOST_PIECES = 4 * DEEPEST };
 static const double half = 0.5; /* stop when the lower bound is this fraction of the distance */
-/* Lipschitz constant of a field between its points: the slope along each axis is at most 1 */
-static const double steepest = 1.7320508;
 
 /* A piece of an edge or triangle, by the weights of its corners. */
 typedef struct piece {
@@ -312,7 +310,7 @@ static void look_at(const pliant_part *part, const double (*at)[3], int corners,
         of->radius = fmax(of->radius, apart(corner, place));
     }
     of->distance = pliant_part_distance(part, place, normal);
-    of->least = of->distance - steepest * of->radius;
+    of->least = of->distance - PLIANT_FIELD_SLOPE * of->radius;
 }
 
 /* Split an edge into 2 pieces, or a triangle into 4. */

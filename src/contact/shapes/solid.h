@@ -6,6 +6,9 @@
 
 #include <stdatomic.h>
 
+/* Largest slope of a field between its grid points: at most 1 along each axis, so the square root of 3. */
+#define PLIANT_FIELD_SLOPE 1.7320508
+
 struct pliant_solid {
     atomic_int holders;
     int32_t num_points, num_triangles;

@@ -83,6 +83,9 @@ typedef struct pliant_cones {
 /* s divided by the point's stiffness. A value of 10 finds a reducing step far more often than 1, which sweeps use
  * (src/contact/NUMERICS.md). */
 #define PLIANT_CONE_TIMES 10.0
+/* Relative change of the forces at which sweeps and steps that lead nowhere end; limit of their number. */
+#define PLIANT_CONE_ENOUGH 1e-7
+enum { PLIANT_CONE_SWEEPS = 200 };
 
 /* Compute each point's own stiffness along the normal and the tangents. */
 PLIANT_INLINE void pliant_cones_begin(const pliant_team *team, const pliant_cones *on)
@@ -446,8 +449,8 @@ PLIANT_INLINE double pliant_cones_size(const pliant_team *team, const pliant_con
 PLIANT_INLINE int32_t pliant_cones_find(const pliant_team *team, const pliant_cones *on)
 {
     /* relative residuals; enough: accepted if no step reduces it further */
-    const double wanted = 1e-9, enough = 1e-7, far = 1e-3;
-    const int32_t most_steps = 60, most_sweeps = 200, most_at_once = 32, first_sweeps = 3;
+    const double wanted = 1e-9, enough = PLIANT_CONE_ENOUGH, far = 1e-3;
+    const int32_t most_steps = 60, most_sweeps = PLIANT_CONE_SWEEPS, most_at_once = 32, first_sweeps = 3;
     int32_t steps = 0, sweeps = 0, at_once = 1;
     pliant_cones_begin(team, on);
     double left = pliant_cones_residual(team, on, 0.0);

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-enum { MOST_SWEEPS = 200, HISTORY = PLIANT_CONE_HISTORY };
+enum { HISTORY = PLIANT_CONE_HISTORY };
 
 /* History of the sweeps: differences of successive ones. */
 typedef struct shown {
@@ -53,7 +53,7 @@ static void mix(const shown *history, size_t row, const double *change, double *
  * @param room (4 + 3 HISTORY) x rows: buffer */
 static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, double *room)
 {
-    const double enough = 1e-7; /* change by a sweep divided by the largest one */
+    const double enough = PLIANT_CONE_ENOUGH; /* change by a sweep divided by the largest one */
     const size_t row = 3 * (size_t)on->count;
     double *begun = room, *before[3] = {room + row, room + 2 * row, room + 3 * row}, largest = 0, last = INFINITY;
     shown history = {.moved = room + 4 * row, .force = room + (4 + HISTORY) * row, .motion = room + (4 + 2 * HISTORY) * row};
@@ -61,7 +61,7 @@ static int32_t sweep_mixed(const pliant_team *team, const pliant_cones *on, doub
         memcpy(begun, on->force, row * sizeof *begun);
         const double square = pliant_cones_sweep(team, on);
         largest = fmax(largest, square);
-        if (square <= enough * enough * largest || made >= MOST_SWEEPS) return made;
+        if (square <= enough * enough * largest || made >= PLIANT_CONE_SWEEPS) return made;
         for (size_t i = 0; i < row; i++) begun[i] = on->force[i] - begun[i];
         if (square > 4 * last) history.count = history.next = 0;
         else if (made > 1) remember(&history, row, begun, before[0], on->force, before[1], on->motion, before[2]);

@@ -31,7 +31,6 @@ typedef struct pliant_touch_pieces {
     /* Nullable: (PLIANT_MAX_TOOLS x 2): for each tool, its motion about the tip and its jaws' motion about their
      * joint */
     const pliant_touch_piece *proxy;
-    double compliance;      /* compliance of a point, divided by the compliance of a flat punch on the piece's tissue */
 } pliant_touch_pieces;
 
 /* Forces and motions of all points from one evaluation. */

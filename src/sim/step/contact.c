@@ -105,7 +105,7 @@ static double off_of(const pliant_part *part) { return part->kind == PLIANT_PART
 static double guard_of(const pliant_model *model, const pliant_data *data, const pliant_part *part)
 {
     const double *cell = data->body->fine.cell_size, guard = pliant_advance_guard(&model->contact, part, fmin(fmin(cell[0], cell[1]), cell[2]));
-    return fmax(guard, off_of(part) + model->contact.guard_left * guard);
+    return fmax(guard, off_of(part) + (1 - model->contact.advance_stop) * guard);
 }
 
 static void add_part(const pliant_model *model, const pliant_data *data, int t, int32_t p)
@@ -443,7 +443,7 @@ static void set_bodies(pliant_data *data)
 {
     pliant_legs *legs = data->legs;
     const pliant_touch_pieces *pieces = data->falling ? pliant_falling_touch_pieces(data->falling) : NULL;
-    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy, .compliance = data->model->contact.piece_compliance};
+    legs->bodies = (pliant_touch_pieces){.proxy = legs->proxy};
     if (pieces) {
         legs->bodies.of_node = pieces->of_node;
         legs->bodies.piece = pieces->piece;
@@ -493,9 +493,8 @@ pliant_status pliant_contact_stage(const pliant_model *model, pliant_data *data)
     if (status == PLIANT_OK && !stays) status = find_points(model, data, body, positions, pieces_go);
     if (status != PLIANT_OK) return status;
     const int32_t first = stays ? search->made.count : 0;
-    const pliant_volume_rule volumes = pliant_volume_rule_default();
     if (pliant_contact_keeps_volumes(data))
-        status = pliant_volume_find(&volumes, &data->body->fine, data->positions, pliant_contact_pieces(data), &search->made);
+        status = pliant_volume_find(&model->contact, &data->body->fine, data->positions, pliant_contact_pieces(data), &search->made);
     if (status != PLIANT_OK) return status;
     carry(data, &data->contacts, first, &search->made);
     pliant_contacts_exchange(&data->contacts, &search->made);

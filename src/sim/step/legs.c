@@ -2,6 +2,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
+#include "contact/advance/advance_rules.h"
 #include "contact/advance/volume.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
@@ -13,6 +14,8 @@
 
 #include <math.h>
 #include <string.h>
+
+enum { MAX_LEGS = 32, MAX_BLOCKED = 4 /* in a row */ }; /* legs of a step that solver/iterations does not end first */
 
 static bool is_dynamic(const pliant_data *data) { return data->tled && !data->tled->system->quasi_static; }
 
@@ -328,8 +331,7 @@ static pliant_status keep_volumes(const pliant_model *model, pliant_data *data, 
 {
     if (!pliant_contact_keeps_volumes(data)) return PLIANT_OK;
     if (!data->legs->blocked) return pliant_legs_keep_volumes(model, data);
-    const pliant_volume_rule rule = pliant_volume_rule_default();
-    *share = fmin(*share, pliant_volume_advance(&rule, &data->body->fine, data->legs->positions, data->positions,
+    *share = fmin(*share, pliant_volume_advance(&model->contact, &data->body->fine, data->legs->positions, data->positions,
                                                 pliant_contact_pieces(data)));
     return PLIANT_OK;
 }
@@ -399,7 +401,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->spent += (int32_t)fmax(statistics->iterations, 1);
     budget->iterations += statistics->iterations;
     budget->gone = gone;
-    budget->blocked = gone < model->contact.min_progress ? budget->blocked + 1 : 0;
+    budget->blocked = gone < PLIANT_ADVANCE_LITTLE ? budget->blocked + 1 : 0;
     statistics->legs++;
     statistics->advanced = gone;
     /* a linear step is followed by a leg that checks its result */
@@ -412,7 +414,7 @@ static pliant_status run_leg(const pliant_model *model, pliant_data *data, leg_b
     budget->left *= 1 - share * gone;
     if (!*done && budget->spent >= budget->evaluations) statistics->ended = PLIANT_STEP_END_BUDGET;
     else if (!*done && data->solver && !pliant_solver_has_time(data->solver)) statistics->ended = PLIANT_STEP_END_TIME;
-    else if (budget->blocked == model->contact.max_blocked_legs || statistics->legs == model->contact.max_legs) statistics->ended = PLIANT_STEP_END_BLOCKED;
+    else if (budget->blocked == MAX_BLOCKED || statistics->legs == MAX_LEGS) statistics->ended = PLIANT_STEP_END_BLOCKED;
     *done = *done || statistics->ended != PLIANT_STEP_END_NONE;
     return PLIANT_OK;
 }

@@ -124,7 +124,6 @@ pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *d
     pliant_legs *legs = data->legs;
     pliant_solver *solver = data->solver;
     const pliant_mesh *mesh = &data->body->fine;
-    const pliant_volume_rule rule = pliant_volume_rule_default();
     const pliant_even even = solver->even;
     if (mesh->num_nodes > legs->room_shares) {
         double *share = pliant_resize(legs->share, (size_t)mesh->num_nodes, sizeof *share);
@@ -132,7 +131,7 @@ pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *d
         legs->share = share;
         legs->room_shares = mesh->num_nodes;
     }
-    if (pliant_volume_hold_back(&rule, mesh, legs->positions, data->positions, pliant_contact_pieces(data), legs->share) == 0)
+    if (pliant_volume_hold_back(&model->contact, mesh, legs->positions, data->positions, pliant_contact_pieces(data), legs->share) == 0)
         return PLIANT_OK;
     if (data->backend->download) data->backend->download(data->model, data);
     double farthest = 0;
