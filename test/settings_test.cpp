@@ -1,4 +1,4 @@
-// Settings of contact and of the quasi-static solver: documented, few, and nowhere else.
+// Settings of contact and of the quasi-static solver: documented, few, and in one place each.
 #include "contact/advance/advance.h"
 #include "contact/settings.h"
 #include "fem/quasistatic/settings.h"
@@ -21,7 +21,8 @@ struct Setting {
 };
 
 const std::vector<Setting> contact = {
-#define SETTING(type, name, value, unit, meaning, source, half, twice) {#name, unit, meaning, source, half, twice, double(value)},
+#define SETTING(type, name, value, unit, meaning, source, half, twice) \
+    {#name, unit, meaning, source, half, twice, double(value)},
     PLIANT_CONTACT_SETTING_LIST(SETTING)};
 const std::vector<Setting> quasistatic = {PLIANT_QUASISTATIC_SETTING_LIST(SETTING)};
 #undef SETTING
@@ -31,7 +32,8 @@ void check(const std::vector<Setting> &settings)
     std::set<std::string> names;
     for (const Setting &each : settings) {
         EXPECT_TRUE(names.insert(each.name).second) << each.name;
-        for (const char *text : {each.unit, each.meaning, each.source, each.half, each.twice}) EXPECT_FALSE(std::string(text).empty()) << each.name;
+        for (const char *text : {each.unit, each.meaning, each.source, each.half, each.twice})
+            EXPECT_FALSE(std::string(text).empty()) << each.name;
         EXPECT_GT(each.value, 0) << each.name;
     }
 }
@@ -59,8 +61,8 @@ TEST(Settings, TheSceneSetsTheGuardDepth)
     EXPECT_DOUBLE_EQ(pliant_advance_guard(&settings, &ball, 0.1), settings.guard_of_part * 0.005);
 }
 
-// Constants of whole files: tolerances of exact algorithms, geometry, and lengths of the scene. What tunes contact or
-// the solver belongs into one of the two lists of settings.
+// Constants of whole files: tolerances of exact algorithms, geometry, and lengths of the scene. A constant that tunes
+// contact or the solver belongs to one of the two lists of settings.
 const std::set<std::string> numerical = {
     "contact/advance/advance_rules.h PLIANT_ADVANCE_SAFETY",
     "contact/advance/advance_rules.h PLIANT_ADVANCE_LITTLE",
@@ -118,7 +120,9 @@ void add_constants(const std::string &folder, std::set<std::string> &found)
         std::string line;
         std::smatch match;
         while (std::getline(in, line))
-            if (std::regex_match(line, match, constant)) found.insert(path.substr(path.find("/src/") + 5) + " " + (match[1].matched ? match[1] : match[2]).str());
+            if (std::regex_match(line, match, constant))
+                found.insert(path.substr(path.find("/src/") + 5) + " " +
+                             (match[1].matched ? match[1] : match[2]).str());
     }
     globfree(&files);
 }
@@ -126,7 +130,9 @@ void add_constants(const std::string &folder, std::set<std::string> &found)
 TEST(Settings, NoOtherConstantTunesContactOrTheSolver)
 {
     std::set<std::string> found;
-    for (const char *folder : {"sim/build", "sim/step", "contact", "contact/advance", "contact/detect", "contact/shapes", "contact/solve", "fem/quasistatic"}) add_constants(folder, found);
+    for (const char *folder : {"sim/build", "sim/step", "contact", "contact/advance", "contact/detect", "contact/shapes",
+                               "contact/solve", "fem/quasistatic"})
+        add_constants(folder, found);
     EXPECT_EQ(found, numerical);
 }
 

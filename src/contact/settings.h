@@ -8,7 +8,7 @@
  * figures of sweeps, bar and soft are without the volume bound (advance/volume.h).
  *
  * sweeps: PLIANT_SWEEPS=40 PLIANT_SWEEPS_STEPS=1 swept_test --gtest_filter=*NothingIsSweptThroughTheSheet. The defaults
- *     take 258 steps, 2542 evaluations, 450 legs. 8 steps end early, at most 2 elements are inverted, and proxies are
+ *     take 258 steps, 2542 evaluations and 450 legs. 8 steps end early. At most 2 elements are inverted. Proxies are
  *     0.035 mm (mean) and 2.3 mm (maximum) behind their targets.
  * bar: two boxes squeeze a bar of 30 x 30 x 80 mm by 2 mm each and lift it. 80 steps: 152 evaluations, 2.05 N.
  * soft: the same with contact/max_force 0.8 N. 60 steps: 120 evaluations, 60 legs, 0.80 N.
@@ -26,7 +26,7 @@ extern "C" {
 #endif
 
 /* SETTING(type, name, default, unit, meaning, source, effect of half the default, effect of twice the default).
- * NUMERICS.md is the one of this folder. */
+ * "NUMERICS.md" means src/contact/NUMERICS.md. */
 #define PLIANT_CONTACT_SETTING_LIST(SETTING)                                                                           \
     /* ---- the core of a part */                                                                                      \
     SETTING(double, guard_depth, 2e-3, "m",                                                                            \
@@ -45,7 +45,7 @@ extern "C" {
             "Tissue at rest in the guard zone is a fraction of an element deep.",                                      \
             "bar: 2.12 N; sweeps: 0.048 mm behind",                                                                    \
             "bar: 1.98 N, 135 evaluations, tissue rests deeper; sweeps: 0.031 mm behind")                              \
-    /* ---- how far a leg may go (advance/advance.h) */                                                                \
+    /* ---- length of a leg (advance/advance.h) */                                                                     \
     SETTING(double, advance_keep, 0.1, "core distance at the start of the leg",                                        \
             "Core distance that a leg leaves.",                                                                        \
             "Li et al., Incremental Potential Contact, ACM Trans. Graph. 39(4), 2020, keep 0.2.",                      \
@@ -197,7 +197,7 @@ typedef struct pliant_contact_settings {
 #undef PLIANT_SETTING_MEMBER
 
 pliant_contact_settings pliant_contact_settings_default(void);
-/* The defaults, with what the scene sets. */
+/* Return the defaults with the options of the scene. */
 pliant_contact_settings pliant_contact_settings_of(const pliant_scene *scene);
 
 #ifdef __cplusplus

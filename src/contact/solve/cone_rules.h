@@ -83,7 +83,7 @@ typedef struct pliant_cones {
 /* s divided by the point's stiffness. A value of 10 finds a reducing step far more often than 1, which sweeps use
  * (src/contact/NUMERICS.md). */
 #define PLIANT_CONE_TIMES 10.0
-/* Relative change of the forces at which sweeps and steps that lead nowhere end; limit of their number. */
+/* Relative change of the forces at which sweeps and useless steps end; limit of their number. */
 #define PLIANT_CONE_ENOUGH 1e-7
 enum { PLIANT_CONE_SWEEPS = 200 };
 

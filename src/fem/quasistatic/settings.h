@@ -1,7 +1,7 @@
 /* Settings of the quasi-static solver that no scene option sets: Anderson acceleration (anderson.h), even steps
  * (even.h) and the first step after a cut (opened_rules.h). They are constants: CPU and GPU compile the same values.
  *
- * Not listed here: capacities of arrays, and rounding tolerances. They stand beside the code that needs them. */
+ * Not listed here: capacities of arrays, and rounding tolerances. They stand in the code that needs them. */
 #ifndef PLIANT_FEM_QUASISTATIC_SETTINGS_H
 #define PLIANT_FEM_QUASISTATIC_SETTINGS_H
 
@@ -9,11 +9,11 @@
 
 /* SETTING(type, name, value, unit, meaning, source, effect of half the value, effect of twice the value).
  * "Merit" is the energy norm of the next step, "rate" is the merit after an evaluation divided by the merit before it,
- * and a "body length" is the longest side of the mesh. NUMERICS.md is the one of this folder.
+ * and a "body length" is the longest side of the mesh. "NUMERICS.md" means the file in this folder.
  *
  * Effects are measured with one setting changed; effects that no such scene shows follow from the meaning.
  * pull: pliant_deform launch/scenes/demo.yaml --tools demo_pull.yaml --steps 25 --set solver/iterations=5. Takes 85
- *     evaluations, with a mean residual of 0.0011, and all steps converge. Differences are those of the last positions.
+ *     evaluations, with a mean residual of 0.0011, and all steps converge. Differences refer to the last positions.
  * cut: pliant_deform launch/scenes/resect.yaml --tools resect_path.yaml. Takes 42 evaluations in 51 steps. */
 #define PLIANT_QUASISTATIC_SETTING_LIST(SETTING)                                                                       \
     /* ---- Anderson acceleration */                                                                                   \
