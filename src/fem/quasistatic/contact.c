@@ -1,7 +1,7 @@
 #include "fem/quasistatic/contact.h"
 
 #include "base/fail.h"
-#include "contact/advance/volume.h"
+#include "contact/volume/volume.h"
 #include "contact/solve/cones.h"
 #include "fem/quasistatic/solver.h"
 #include "base/memory.h"

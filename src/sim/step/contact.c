@@ -2,7 +2,7 @@
 
 #include "backend/backend.h"
 #include "base/fail.h"
-#include "contact/advance/volume.h"
+#include "contact/volume/volume.h"
 #include "contact/detect/outside.h"
 #include "contact/detect/tissue.h"
 #include "contact/shapes/solid.h"

@@ -30,7 +30,7 @@ pliant_status pliant_contact_is_free(const pliant_model *model, pliant_data *dat
 bool pliant_contact_comes_near(pliant_data *data, const pliant_tool *tool, const pliant_tool_pose *from, const pliant_tool_pose *to);
 /* Return the rigid piece of each fine node, or -1. NULL: there are no rigid pieces. */
 const int32_t *pliant_contact_pieces(const pliant_data *data);
-/* Return whether the volume bound applies (contact/advance/volume.h): to linear tetrahedra of the fine mesh that the
+/* Return whether the volume bound applies (contact/volume/volume.h): to linear tetrahedra of the fine mesh that the
  * solver moves without a patch. */
 bool pliant_contact_keeps_volumes(const pliant_data *data);
 /* Discard all contact points. */

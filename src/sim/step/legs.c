@@ -3,7 +3,7 @@
 #include "backend/backend.h"
 #include "base/fail.h"
 #include "contact/advance/advance_rules.h"
-#include "contact/advance/volume.h"
+#include "contact/volume/volume.h"
 #include "fem/dynamics/tled.h"
 #include "fem/patch/patch.h"
 #include "fem/quasistatic/solver.h"

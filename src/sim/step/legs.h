@@ -12,7 +12,7 @@
  * 5. Apply that fraction to the tissue and to the proxies (go). Afterwards no surface is in a core.
  * If the fraction is below 1, the leg was blocked. The next leg adds plane constraints: separating planes that keep
  * nearby triangles out of the cores. The volume bound limits the motion of nodes so that no element inverts
- * (contact/advance/volume.h).
+ * (contact/volume/volume.h).
  *
  * The step ends when a leg completes the remaining motion. It also ends when its evaluations or its time are used
  * up, or after several blocked legs. The next step then makes the rest of the motion. */
@@ -74,7 +74,7 @@ pliant_status pliant_legs_keep(const pliant_model *model, pliant_data *data);
 pliant_status pliant_legs_keep_points(pliant_data *data);
 /* Move everything except the proxies to this fraction of the leg. */
 pliant_status pliant_legs_go_partway(const pliant_model *model, pliant_data *data, double share);
-/* Shorten the motion of single nodes so that no element inverts (contact/advance/volume.h). */
+/* Shorten the motion of single nodes so that no element inverts (contact/volume/volume.h). */
 pliant_status pliant_legs_keep_volumes(const pliant_model *model, pliant_data *data);
 /* Explicit dynamics: add the contact forces of a leg to the mean forces of the step. share: the leg's fraction of the
  * step. Errors: MEMORY. */

@@ -1,4 +1,4 @@
-#include "contact/advance/volume.h"
+#include "contact/volume/volume.h"
 
 #include "base/threads.h"
 #include "contact/detect/find.h"
